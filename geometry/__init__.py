@@ -1,0 +1,1 @@
+"""Mesh topology, rotations and proximity: plain NumPy and SciPy, shared by simulation, models and evaluation."""
