@@ -1,0 +1,1 @@
+"""Cloth simulation: intrinsic parameters, the XPBD simulator on Warp and the implicit baseline."""
