@@ -1,0 +1,1 @@
+"""The contract between simulation and learning: HDF5 shards, splits, canonical frames and motion windows."""

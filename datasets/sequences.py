@@ -1,0 +1,107 @@
+"""Simulated sequences as the models see them: split, canonical frame, motion signature.
+
+In: shard paths and a split rule. Out: ``Sequence`` objects, and arrays in the *canonical frame* of the current frame,
+which is the full pelvis frame: ``x_c = R_pelvis^T (x - pelvis)`` (Wang 2019, "character space of the current frame").
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence as Many
+from dataclasses import dataclass
+
+import numpy as np
+
+from body.model import Body
+from datasets.shards import read_header, read_sequences
+from datasets.splits import SplitRule
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """One simulated clip.
+
+    Attributes:
+        garment, clip, take, label, plan: Names; ``plan`` is ``materials`` or ``motions``.
+        phi: Number of the parameter set, 0 = base.
+        split: One of ``datasets.splits.SPLITS``.
+        fps: Frame rate [Hz].
+        vertices: Garment in the world [m], shape [T, V, 3] float32.
+        pose, root, joints: Axis-angle [rad] [T, 24, 3], root translation [m] [T, 3], joints [m] [T, 24, 3].
+        lead_pose, lead_root, lead_joints: The motion before the first recorded frame, [L, ...].
+        parameters: Intrinsic parameters by name, in the order of the shard.
+    """
+
+    garment: str
+    clip: str
+    take: str
+    label: str
+    plan: str
+    phi: int
+    split: str
+    fps: float
+    vertices: np.ndarray
+    pose: np.ndarray
+    root: np.ndarray
+    joints: np.ndarray
+    lead_pose: np.ndarray
+    lead_root: np.ndarray
+    lead_joints: np.ndarray
+    parameters: dict[str, float]
+
+    @property
+    def frames(self) -> int:
+        """Number of recorded frames T."""
+        return len(self.pose)
+
+
+def load_sequences(
+    paths: Iterable[str | os.PathLike], rule: SplitRule, splits: Many[str] | None = None, plans: Many[str] | None = None
+) -> list[Sequence]:
+    """Sequences of the shards, in the order of the paths, of the asked splits and plans only (default: all)."""
+    sequences = []
+    for path in paths:
+        header = read_header(path)
+        if plans is not None and header.plan not in plans:
+            continue
+        for s in read_sequences(path):
+            split = rule.split(s.phi, s.take_index)
+            if splits is not None and split not in splits:
+                continue
+            arrays = {n: getattr(s, n) for n in ("vertices", "pose", "root", "joints")}
+            arrays |= {f"lead_{n}": getattr(s, f"lead_{n}") for n in ("pose", "root", "joints")}
+            names = dict(garment=header.garment, clip=s.clip, take=s.take, label=s.label, plan=header.plan)
+            sequences.append(
+                Sequence(phi=s.phi, split=split, fps=header.fps, parameters=s.parameters, **names, **arrays)
+            )
+    return sequences
+
+
+def to_canonical(points: np.ndarray, pose: np.ndarray, root: np.ndarray, body: Body) -> np.ndarray:
+    """World points [T, N, 3] in the pelvis frame of their own frame, float32."""
+    rotation, position = body.pelvis_frames(pose, root)
+    return np.matmul(points - position[:, None], rotation).astype(np.float32)
+
+
+def from_canonical(points: np.ndarray, pose: np.ndarray, root: np.ndarray, body: Body) -> np.ndarray:
+    """Inverse of ``to_canonical``."""
+    rotation, position = body.pelvis_frames(pose, root)
+    return (np.matmul(points, np.swapaxes(rotation, 1, 2)) + position[:, None]).astype(np.float32)
+
+
+def motion_signature(sequence: Sequence, window: int, body: Body) -> np.ndarray:
+    """Motion signature ``M_t`` of Wang 2019: joints of the current and the past ``window`` frames [m].
+
+    All in the pelvis frame of the *current* frame, newest first. Before the first recorded frame the history runs into
+    the lead-in; before that it stands still, as the body did.
+
+    Returns:
+        Shape [T, (window + 1) * 24 * 3] float32.
+    """
+    joints = np.concatenate([sequence.lead_joints, sequence.joints])
+    lead, frames = len(sequence.lead_joints), sequence.frames
+    rotation, position = body.pelvis_frames(sequence.pose, sequence.root)
+    index = lead + np.arange(frames)[:, None] - np.arange(window + 1)[None, :]
+    history = joints[np.maximum(index, 0)]
+    local = np.einsum("twjc,tcd->twjd", history - position[:, None, None], rotation)
+    return local.reshape(frames, -1).astype(np.float32)

@@ -1,0 +1,232 @@
+"""The run configuration: strict YAML, one closed schema, one clear sentence for whatever is wrong.
+
+In: YAML files, the later laid over the earlier (as Snakemake does with ``--configfile``). Out: a checked dictionary.
+Every complaint names the file, the key, what was found and what is allowed.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import ValidationError, best_match
+
+from sim.parameters import INTRINSIC_PARAMETERS, PARAMETER_NAMES, parameter
+
+SCHEMA_FILE = Path(__file__).resolve().parent.parent / "configs" / "schema.yaml"
+
+
+class ConfigError(ValueError):
+    """A mistake in a configuration file, in one sentence."""
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """Refuses duplicate keys, where plain YAML silently keeps the last."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
+        seen = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=deep)
+            if key in seen:
+                raise ConfigError(f"line {key_node.start_mark.line + 1}: key {key!r} stands twice; keep one of them")
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def read_yaml(path: str | Path) -> dict[str, Any]:
+    """One YAML mapping; ``ConfigError`` when it is missing, malformed or repeats a key."""
+    try:
+        content = yaml.load(Path(path).read_text(encoding="utf-8"), Loader=_StrictLoader)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read ({error}); a YAML file is needed") from None
+    except yaml.YAMLError as error:
+        place = getattr(error, "problem_mark", None)
+        where = f", line {place.line + 1}" if place else ""
+        raise ConfigError(f"{path}{where}: not YAML ({getattr(error, 'problem', error)})") from None
+    if not isinstance(content, dict):
+        raise ConfigError(f"{path}: holds {type(content).__name__}; a mapping of keys to values is needed")
+    return content
+
+
+def load_config(paths: Iterable[str | Path]) -> dict[str, Any]:
+    """Lay the files over each other, in order, and check the result."""
+    layers = [(str(path), read_yaml(path)) for path in paths]
+    config: dict[str, Any] = {}
+    for _, layer in layers:
+        config = overlaid(config, layer)
+    check_config(config, layers)
+    return config
+
+
+def overlaid(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Deep merge: mappings are merged, everything else is replaced."""
+    merged = dict(below)
+    for key, value in above.items():
+        both = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
+        merged[key] = overlaid(merged[key], value) if both else value
+    return merged
+
+
+def check_config(config: Mapping[str, Any], layers: Sequence[tuple[str, Mapping[str, Any]]]) -> None:
+    """Check the schema, then what a schema cannot say; ``ConfigError`` names the file that set the value."""
+    error = best_match(Draft202012Validator(read_yaml(SCHEMA_FILE)).iter_errors(config))
+    if error is not None:
+        _refuse_schema_error(error, layers)
+    _check_parameters(config, layers)
+    _check_garments(config, layers)
+    _check_motions(config, layers)
+    _check_models(config, layers)
+
+
+def _check_parameters(config: Mapping[str, Any], layers: Sequence) -> None:
+    for garment, settings in config["garments"].items():
+        place = ("garments", garment)
+        for name, value in settings.get("base", {}).items():
+            _check_parameter((*place, "base", name), name, value, layers)
+        for name, bounds in settings.get("ranges", {}).items():
+            key = (*place, "ranges", name)
+            for end in ("min", "max"):
+                _check_parameter((*key, end), name, bounds[end], layers)
+            if bounds["min"] > bounds["max"]:
+                found = f"min {bounds['min']:g} is above max {bounds['max']:g}"
+                raise _error(layers, key, found, "min must not be above max")
+
+
+def _check_parameter(key: tuple, name: str, value: float, layers: Sequence) -> None:
+    if name not in PARAMETER_NAMES:
+        close = difflib.get_close_matches(name, PARAMETER_NAMES, 1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        raise _error(layers, key, f"unknown parameter {name!r}{hint}", f"allowed are {', '.join(PARAMETER_NAMES)}")
+    p = parameter(name)
+    low, high = p.allowed
+    if not low <= value <= high:
+        raise _error(layers, key, f"found {value:g}", f"allowed are {low:g} to {high:g} {_unit(p.unit)}")
+    if p.integer and value != int(value):
+        raise _error(layers, key, f"found {value:g}", "allowed are whole numbers")
+
+
+def _check_garments(config: Mapping[str, Any], layers: Sequence) -> None:
+    from garments.spec import GARMENT_KINDS, spec_from_config
+
+    for name, settings in config["garments"].items():
+        if settings["kind"] not in GARMENT_KINDS:
+            known = ", ".join(sorted(GARMENT_KINDS))
+            raise _error(
+                layers, ("garments", name, "kind"), f"unknown garment {settings['kind']!r}", f"allowed are {known}"
+            )
+        try:
+            spec_from_config(name, settings)
+        except ValueError as error:
+            raise _error(layers, ("garments", name), str(error), "see garments/spec.py for every kind's limits") from None
+
+
+def _check_motions(config: Mapping[str, Any], layers: Sequence) -> None:
+    from pipeline.plan import plan_clips
+
+    motions = config["motions"]
+    key = ("motions", motions["source"])
+    try:
+        clips = plan_clips(motions)
+    except (ValueError, OSError) as error:
+        raise _error(layers, key, str(error), "correct the source of the motions") from None
+    wanted, rule = config["data"]["materials"]["clips"], config["data"]["splits"]["takes_every"]
+    if wanted > len(clips):
+        raise _error(
+            layers, ("data", "materials", "clips"), f"found {wanted}", f"the motions give {len(clips)} clips at most"
+        )
+    takes = 1 + max(c.take_index for c in clips)
+    if takes < rule:
+        raise _error(
+            layers,
+            ("data", "splits", "takes_every"),
+            f"found {rule} with {takes} takes",
+            f"at most {takes}, or no motion is held out",
+        )
+    if config["data"]["materials"]["samples"] < config["data"]["splits"]["parameters_every"]:
+        raise _error(
+            layers,
+            ("data", "materials", "samples"),
+            f"found {config['data']['materials']['samples']}",
+            f"at least parameters_every = {config['data']['splits']['parameters_every']}, or no set is held out",
+        )
+
+
+def _check_models(config: Mapping[str, Any], layers: Sequence) -> None:
+    cvae = config["models"]["motion_cvae"]
+    if cvae["width"] % cvae["heads"]:
+        raise _error(
+            layers,
+            ("models", "motion_cvae", "width"),
+            f"found {cvae['width']} with {cvae['heads']} heads",
+            "a multiple of heads",
+        )
+
+
+def _refuse_schema_error(error: ValidationError, layers: Sequence) -> None:
+    """Turn the schema's complaint into the project's sentence."""
+    while error.context:  # descend into oneOf: the most relevant branch says what is wrong
+        error = best_match(iter(error.context)) or error.context[0]
+    key = tuple(error.absolute_path)
+    schema, found = error.schema, error.instance
+    if error.validator == "additionalProperties":
+        allowed = sorted(schema.get("properties", {}))
+        unknown = next(k for k in found if k not in allowed)
+        close = difflib.get_close_matches(str(unknown), allowed, 1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        raise _error(layers, (*key, unknown), f"unknown key{hint}", f"allowed are {', '.join(allowed)}")
+    if error.validator == "required":
+        missing = next(k for k in error.validator_value if k not in found)
+        raise _error(layers, (*key, missing), "the key is missing", f"needed are {', '.join(error.validator_value)}")
+    raise _error(layers, key, f"found {found!r}", _allowed(error, schema))
+
+
+def _allowed(error: ValidationError, schema: Mapping[str, Any]) -> str:
+    unit = _unit(schema.get("unit", ""))
+    if error.validator == "enum":
+        return f"allowed are {', '.join(map(str, schema['enum']))}"
+    if error.validator in ("minimum", "maximum", "exclusiveMinimum", "type") and schema.get("type") in (
+        "number",
+        "integer",
+    ):
+        low = schema.get("minimum", schema.get("exclusiveMinimum"))
+        above = "above " if "exclusiveMinimum" in schema else ""
+        kind = "a whole number" if schema["type"] == "integer" else "a number"
+        limits = f" from {above}{low:g} to {schema['maximum']:g}" if low is not None else ""
+        return f"allowed is {kind}{limits} {unit}".rstrip()
+    if error.validator == "type":
+        return f"allowed is {schema['type']}"
+    return error.message
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else unit
+
+
+def _error(layers: Sequence[tuple[str, Mapping[str, Any]]], key: Sequence, found: str, allowed: str) -> ConfigError:
+    return ConfigError(f"{_owner(layers, key)}: {'.'.join(map(str, key))}: {found}; {allowed}")
+
+
+def _owner(layers: Sequence[tuple[str, Mapping[str, Any]]], key: Sequence) -> str:
+    """The last file that sets the key, or its nearest parent."""
+    for depth in range(len(key), -1, -1):
+        for path, layer in reversed(layers):
+            node: Any = layer
+            for part in key[:depth]:
+                node = node.get(part) if isinstance(node, Mapping) else None
+                if node is None:
+                    break
+            if node is not None:
+                return path
+    return layers[-1][0] if layers else "configuration"
+
+
+def base_overrides(settings: Mapping[str, Any]) -> dict[str, float]:
+    """A garment's own base values, as floats in the project's order."""
+    given = settings.get("base", {})
+    return {p.name: float(given[p.name]) for p in INTRINSIC_PARAMETERS if p.name in given}
