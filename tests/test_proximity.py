@@ -1,0 +1,150 @@
+"""Closest points and signed distances against brute force and analytic solids."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from geometry.proximity import SurfaceQuery, closest_surface, nearest_vertices
+
+
+def closest_on_triangle(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Reference for one pair (Ericson 2005, Real-Time Collision Detection, section 5.1.5)."""
+    ab, ac, ap = b - a, c - a, p - a
+    d1, d2 = ab @ ap, ac @ ap
+    if d1 <= 0 and d2 <= 0:
+        return a
+    bp = p - b
+    d3, d4 = ab @ bp, ac @ bp
+    if d3 >= 0 and d4 <= d3:
+        return b
+    vc = d1 * d4 - d3 * d2
+    if vc <= 0 and d1 >= 0 and d3 <= 0:
+        return a + d1 / (d1 - d3) * ab
+    cp = p - c
+    d5, d6 = ab @ cp, ac @ cp
+    if d6 >= 0 and d5 <= d6:
+        return c
+    vb = d5 * d2 - d1 * d6
+    if vb <= 0 and d2 >= 0 and d6 <= 0:
+        return a + d2 / (d2 - d6) * ac
+    va = d3 * d6 - d5 * d4
+    if va <= 0 and d4 - d3 >= 0 and d5 - d6 >= 0:
+        return b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b)
+    return a + ab * vb / (va + vb + vc) + ac * vc / (va + vb + vc)
+
+
+def bumpy_sphere(rows: int = 12, columns: int = 18) -> tuple[np.ndarray, np.ndarray]:
+    """Closed, star-shaped, uneven surface: small faces at the poles, large ones at the equator."""
+    theta = np.linspace(0, np.pi, rows + 1)[1:-1]
+    phi = np.arange(columns) * 2 * np.pi / columns
+    t, p = np.meshgrid(theta, phi, indexing="ij")
+    radius = 0.3 + 0.08 * np.sin(3 * p) * np.sin(t) + 0.05 * np.cos(5 * t)
+    ring = np.stack([radius * np.sin(t) * np.cos(p), radius * np.cos(t), -radius * np.sin(t) * np.sin(p)], -1)
+    vertices = np.concatenate([ring.reshape(-1, 3), [[0, 0.35, 0]], [[0, -0.35, 0]]])
+    north, south = len(vertices) - 2, len(vertices) - 1
+    faces = []
+    for i in range(rows - 2):
+        for j in range(columns):
+            a, b = i * columns + j, i * columns + (j + 1) % columns
+            faces += [[a, a + columns, b], [b, a + columns, b + columns]]
+    for j in range(columns):
+        last = (rows - 2) * columns
+        faces += [[north, j, (j + 1) % columns], [south, last + (j + 1) % columns, last + j]]
+    return vertices, np.array(faces)
+
+
+def cube() -> tuple[np.ndarray, np.ndarray]:
+    """Unit cube around the origin, outward faces."""
+    vertices = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float) - 0.5
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    return vertices, np.array([f for a, b, c, d in quads for f in ([a, b, c], [a, c, d])])
+
+
+@pytest.mark.parametrize("spread", [0.02, 0.3, 2.0])
+def test_equals_brute_force(spread: float) -> None:
+    vertices, faces = bumpy_sphere()
+    rng = np.random.default_rng(3)
+    points = vertices[rng.integers(len(vertices), size=60)] + spread * rng.standard_normal((60, 3))
+    hits = closest_surface(points, vertices, faces)
+    for k, point in enumerate(points):
+        best = min(np.linalg.norm(point - closest_on_triangle(point, *vertices[face])) for face in faces)
+        assert abs(hits.distance[k]) == pytest.approx(best, abs=1e-12)
+    rebuilt = np.einsum("nk,nkc->nc", hits.barycentric, vertices[faces[hits.face]])
+    np.testing.assert_allclose(rebuilt, hits.point, atol=1e-14)
+    np.testing.assert_allclose(np.linalg.norm(points - hits.point, axis=1), np.abs(hits.distance), atol=1e-12)
+
+
+def test_sign_of_a_star_shaped_body() -> None:
+    vertices, faces = bumpy_sphere()
+    rng = np.random.default_rng(4)
+    surface = vertices[faces].mean(axis=1)[rng.integers(len(faces), size=400)]
+    factor = rng.uniform(0.2, 1.8, 400)
+    hits = closest_surface(surface * factor[:, None], vertices, faces)
+    np.testing.assert_array_equal(hits.distance < 0, factor < 1)
+
+
+def test_cube_distance_is_analytic_also_beside_edges_and_corners() -> None:
+    vertices, faces = cube()
+    points = np.random.default_rng(5).uniform(-1.2, 1.2, (800, 3))
+    corner_rays = np.array([[s, s, s] for s in np.linspace(0.51, 1.5, 20)])
+    points = np.concatenate([points, corner_rays, corner_rays * [1, 1, 0]])
+    over = np.abs(points) - 0.5
+    expected = np.linalg.norm(np.maximum(over, 0), axis=1) + np.minimum(over.max(axis=1), 0)
+    np.testing.assert_allclose(closest_surface(points, vertices, faces).distance, expected, atol=1e-12)
+
+
+def test_pseudo_normal_of_a_sharp_spike() -> None:
+    # A needle's tip: the face next to the point faces away from it, only the angle-weighted sum knows the outside.
+    base = np.array([[0.05, 0, 0], [-0.03, 0, -0.04], [-0.03, 0, 0.04]])
+    vertices = np.concatenate([base, [[0.4, 1.0, 0.3]]])
+    faces = np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3], [0, 2, 1]])
+    above = vertices[3] + [[0.02, 0.03, 0.0], [0.0, 0.02, 0.03], [-0.01, 0.05, -0.01], [0.1, 0.02, -0.05]]
+    hits = closest_surface(above, vertices, faces)
+    np.testing.assert_allclose(hits.point, np.repeat(vertices[3:], 4, axis=0), atol=1e-12)
+    assert (hits.distance > 0).all()
+
+
+def test_near_queries_stay_exact_where_promised() -> None:
+    vertices, faces = bumpy_sphere(40, 60)
+    query = SurfaceQuery(faces, len(vertices))
+    rng = np.random.default_rng(6)
+    points = vertices[rng.integers(len(vertices), size=500)] * rng.uniform(0.5, 2.0, (500, 1))
+    exact, near = query.query(points, vertices), query.query(points, vertices, exact_within=0.05)
+    kept = exact.distance <= 0.05
+    np.testing.assert_array_equal(near.distance[kept], exact.distance[kept])
+    assert (near.distance >= exact.distance - 1e-12).all()
+    assert (near.distance[~kept] > 0.05).all()
+
+
+def test_moves_with_the_mesh_and_survives_slivers() -> None:
+    vertices, faces = bumpy_sphere()
+    # A zero-area face does not disturb its neighbours.
+    sliver = np.concatenate([faces, [[0, 1, 0]]])
+    query = SurfaceQuery(sliver, len(vertices))
+    points = np.random.default_rng(7).normal(size=(50, 3)) * 0.4
+    shift = np.array([3.0, -1.0, 2.0])
+    still, moved = query.query(points, vertices), query.query(points + shift, vertices + shift)
+    np.testing.assert_allclose(moved.distance, still.distance, atol=1e-9)
+    np.testing.assert_allclose(
+        np.abs(still.distance), np.abs(closest_surface(points, vertices, faces).distance), atol=1e-12
+    )
+
+
+def test_nearest_vertices() -> None:
+    vertices, _ = bumpy_sphere()
+    points = np.random.default_rng(8).normal(size=(40, 3))
+    index, distance = nearest_vertices(points, vertices)
+    all_pairs = np.linalg.norm(points[:, None] - vertices, axis=2)
+    np.testing.assert_array_equal(index, all_pairs.argmin(axis=1))
+    np.testing.assert_allclose(distance, all_pairs.min(axis=1))
+
+
+def test_bad_input_is_named() -> None:
+    vertices, faces = cube()
+    with pytest.raises(ValueError, match="expected 8 rows, got 7"):
+        SurfaceQuery(faces, 8).query(vertices, vertices[:7])
+    with pytest.raises(ValueError, match="not finite"):
+        closest_surface(np.full((2, 3), np.nan), vertices, faces)
+    with pytest.raises(ValueError, match="faces"):
+        SurfaceQuery(faces[:, :2])
