@@ -14,7 +14,6 @@ import hashlib
 import io
 import json
 import math
-import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field
@@ -25,10 +24,12 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from datasets.atomic import atomic_path, write_text
+
 CHECKPOINT_NAME = "checkpoint.pt"
 LOSSES_NAME = "losses.csv"
 # Where and how often, not what: these may differ between a run and its continuation.
-_NOT_IN_IDENTITY = ("device", "threads", "checkpoint_every", "validate_every")
+_NOT_IN_IDENTITY = ("device", "threads", "checkpoint_every")
 
 OPTIMIZERS = ("adam", "sgd", "rmsprop")
 SCHEDULES = ("constant", "cosine", "plateau")
@@ -46,8 +47,8 @@ class TrainingSettings:
         momentum: Momentum of "sgd" and "rmsprop"; "adam" ignores it.
         weight_decay: L2 penalty of "sgd" and "rmsprop", decoupled (AdamW) for "adam".
         schedule: "constant"; "cosine" (to 1% of the learning rate at the last epoch); "plateau" (times
-            ``plateau_factor`` after ``plateau_patience`` epochs without a lower loss: the validation's "total" where there
-            is one, else the training's).
+            ``plateau_factor`` after ``plateau_patience`` epochs without a lower loss: the validation's "total" where
+            there is one, else the training's).
         warmup_steps: Optimizer steps over which the learning rate rises from zero.
         gradient_clip: Largest norm of the gradient of all parameters; 0 = no clipping.
         precision: "float32", or "bfloat16" for autocast in the loss function (Transformers: about twice as fast).
@@ -159,9 +160,11 @@ def train(
     Args:
         module: What is trained. Parameters with ``requires_grad=False`` stay as they are.
         epoch_batches: ``(epoch, generator) -> batches``, epoch from 0; every random choice comes from the generator.
-        loss: ``batch -> {name: scalar tensor}``; "total" is minimised, the others are logged. Moves the batch to the device.
+        loss: ``batch -> {name: scalar tensor}``; "total" is minimised, the others are logged. It moves the batch to
+            the module's device where that is needed.
         settings: See ``TrainingSettings``.
-        work_dir: Folder of this run alone, for ``checkpoint.pt`` and ``losses.csv``; a checkpoint found there is continued.
+        work_dir: Folder of this run alone, for ``checkpoint.pt`` and ``losses.csv``; a checkpoint found there is
+            continued.
         validate: ``() -> {name: number}``, called in eval mode without gradients; "total" steers the plateau schedule.
         progress: Takes a line of text.
         identity: Model configuration and data digest. A checkpoint of another identity, architecture or settings is
@@ -190,7 +193,7 @@ def train(
         _set_random_state(saved["random"], device)
         say(f"continuing after epoch {state['epoch']} of {settings.epochs}")
 
-    say_every = max(1, settings.epochs // 40)
+    say_every = math.ceil(settings.epochs / 40)
     for epoch in range(state["epoch"], settings.epochs):
         start = time.perf_counter()
         module.train()
@@ -297,23 +300,19 @@ def _save_checkpoint(
     fingerprint: str,
     device: torch.device,
 ) -> None:
-    path = work_dir / CHECKPOINT_NAME
-    temporary = path.with_name(path.name + ".tmp")
     random = {"cpu": torch.get_rng_state()}
     if device.type == "cuda":
         random["cuda"] = torch.cuda.get_rng_state(device)
-    torch.save(
-        {
-            "fingerprint": fingerprint,
-            "module": module.state_dict(),
-            "optimizer": optimizer.state_dict(),
-            "state": state,
-            "rows": rows,
-            "random": random,
-        },
-        temporary,
-    )
-    os.replace(temporary, path)
+    content = {
+        "fingerprint": fingerprint,
+        "module": module.state_dict(),
+        "optimizer": optimizer.state_dict(),
+        "state": state,
+        "rows": rows,
+        "random": random,
+    }
+    with atomic_path(work_dir / CHECKPOINT_NAME) as temporary:
+        torch.save(content, temporary)
     _write_losses(work_dir / LOSSES_NAME, rows)
 
 
@@ -349,9 +348,7 @@ def _write_losses(path: Path, rows: list[dict[str, Any]]) -> None:
     writer = csv.DictWriter(text, columns, restval="", lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(text.getvalue())
-    os.replace(temporary, path)
+    write_text(path, text.getvalue())
 
 
 def _line(log: TrainingLog, epoch: int, epochs: int) -> str:
