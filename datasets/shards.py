@@ -233,7 +233,7 @@ def _open(path: str | os.PathLike) -> h5py.File:
     except OSError as error:
         raise ValueError(f"{path}: not a readable HDF5 file ({error})") from None
     if file.attrs.get("format") != FORMAT or int(file.attrs.get("version", -1)) != VERSION:
-        found = f"format {file.attrs.get('format')!r}, version {file.attrs.get('version')!r}"
+        found = f"format {file.attrs.get('format')!r}, version {_plain(file.attrs.get('version'))!r}"
         file.close()
         raise ValueError(f"{path}: {found}; this program reads {FORMAT!r}, version {VERSION}")
     return file

@@ -1,0 +1,146 @@
+"""The data plan: which clips there are, in which batch, and which simulations make up which shard.
+
+Everything is a function of the configuration alone, so that the workflow knows its jobs before the first one runs.
+Clips and parameter sets are numbered so that asking for more appends: an earlier number never changes its meaning.
+
+Two plans per garment (the papers need both kinds of data):
+
+- ``materials`` (Wang 2019): many sampled parameter sets, each on the same few clips;
+- ``motions`` (Shi 2023): the base parameters on every clip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+MATERIALS = "materials"
+MOTIONS = "motions"
+
+
+@dataclass(frozen=True)
+class PlannedClip:
+    """A clip before it is made.
+
+    Attributes:
+        index: Number of the clip in the run.
+        name: Unique name.
+        label: Motion label.
+        take: Recording that it is cut from, the unit of the split; a procedural clip is its own take.
+        take_index: Number of the take.
+        part: Variant of a procedural clip; number of the window in a recording.
+    """
+
+    index: int
+    name: str
+    label: str
+    take: str
+    take_index: int
+    part: int
+
+
+def plan_clips(motions: Mapping[str, Any]) -> list[PlannedClip]:
+    """All clips of a run, in order; ``ValueError`` for unknown labels or an unusable folder."""
+    return _plan_procedural(motions) if motions["source"] == "procedural" else _plan_bvh(motions)
+
+
+def motion_labels(motions: Mapping[str, Any]) -> list[str]:
+    """The labels of a run, sorted: their order is the networks' numbering."""
+    return sorted({clip.label for clip in plan_clips(motions)})
+
+
+def _plan_procedural(motions: Mapping[str, Any]) -> list[PlannedClip]:
+    from motions.procedural import DEFAULT_LABELS, LABELS
+
+    asked = motions["procedural"]["labels"]
+    labels = {"default": DEFAULT_LABELS, "all": LABELS}[asked] if isinstance(asked, str) else asked
+    for label in labels:
+        if label not in LABELS:
+            raise ValueError(f"unknown motion label {label!r}; known are {', '.join(LABELS)}")
+    # Variant by variant, so that more variants append.
+    pairs = [(label, variant) for variant in range(motions["procedural"]["variants"]) for label in labels]
+    names = [f"{label}_{variant:03d}" for label, variant in pairs]
+    return [PlannedClip(i, n, p[0], n, i, p[1]) for i, (n, p) in enumerate(zip(names, pairs))]
+
+
+def _plan_bvh(motions: Mapping[str, Any]) -> list[PlannedClip]:
+    from motions.bvh_folder import list_takes
+
+    settings = motions["bvh"]
+    if not settings["folder"]:
+        raise ValueError("no folder is given; name the folder that holds the BVH files and their labels.csv")
+    takes = list_takes(Path(settings["folder"]), settings["labels"])
+    takes = _interleaved_by_label(takes)
+    windows = {t.file: t.clip_count(motions["frames"], motions["fps"]) for t in takes}
+    planned = []
+    # Window by window, so that the first clips show as many takes and labels as there are.
+    for part in range(settings["clips_per_take"]):
+        for number, take in enumerate(takes):
+            if part < windows[take.file]:
+                name = f"{Path(take.file).stem}_{part:03d}"
+                planned.append(PlannedClip(len(planned), name, take.label, take.file, number, part))
+    planned = planned[: settings["max_clips"]]
+    if not planned:
+        raise ValueError(f"{settings['folder']}: no recording is as long as one clip of {motions['frames']} frames")
+    names = [clip.name for clip in planned]
+    if len(set(names)) < len(names):
+        twice = next(n for n in names if names.count(n) > 1)
+        raise ValueError(f"{settings['folder']}: two recordings share the file name of clip {twice!r}; rename one")
+    return planned
+
+
+def _interleaved_by_label(takes: list) -> list:
+    """One take of every label, then the second of every label, and so on."""
+    rank: dict[str, int] = {}
+    keyed = []
+    for position, take in enumerate(takes):
+        rank[take.label] = rank.get(take.label, -1) + 1
+        keyed.append((rank[take.label], position, take))
+    return [take for _, _, take in sorted(keyed, key=lambda k: k[:2])]
+
+
+def batch_count(motions: Mapping[str, Any]) -> int:
+    """Number of motion batch files."""
+    return -(-len(plan_clips(motions)) // motions["clips_per_batch"])
+
+
+def batch_clips(motions: Mapping[str, Any], batch: int) -> list[PlannedClip]:
+    """The clips of one batch file."""
+    size = motions["clips_per_batch"]
+    return plan_clips(motions)[batch * size : (batch + 1) * size]
+
+
+def shard_names(config: Mapping[str, Any]) -> list[str]:
+    """Names of a garment's shards: ``materials_0000`` ... and ``motions_0000`` ..."""
+    materials = config["data"]["materials"]
+    count = materials["samples"] // materials["samples_per_shard"]
+    return [f"{MATERIALS}_{i:04d}" for i in range(count)] + [
+        f"{MOTIONS}_{i:04d}" for i in range(batch_count(config["motions"]))
+    ]
+
+
+def shard_plan(shard: str) -> tuple[str, int]:
+    """Plan and number of a shard name."""
+    plan, number = shard.rsplit("_", 1)
+    return plan, int(number)
+
+
+def shard_batches(config: Mapping[str, Any], shard: str) -> list[int]:
+    """The motion batches that a shard's simulations use."""
+    plan, number = shard_plan(shard)
+    if plan == MOTIONS:
+        return [number]
+    return list(range(-(-config["data"]["materials"]["clips"] // config["motions"]["clips_per_batch"])))
+
+
+def shard_simulations(config: Mapping[str, Any], shard: str) -> list[tuple[int, PlannedClip]]:
+    """The (parameter set, clip) pairs of a shard; parameter set 0 is the base set."""
+    plan, number = shard_plan(shard)
+    if plan == MOTIONS:
+        return [(0, clip) for clip in batch_clips(config["motions"], number)]
+    materials = config["data"]["materials"]
+    size = materials["samples_per_shard"]
+    clips = plan_clips(config["motions"])[: materials["clips"]]
+    return [(phi, clip) for phi in range(number * size + 1, (number + 1) * size + 1) for clip in clips]

@@ -1,0 +1,70 @@
+# From parameters and motions to shards of simulated cloth.
+
+
+rule compile_kernels:
+    input:
+        code=code("sim", "pipeline/compile_kernels.py"),
+    output:
+        touch(f"{RESULTS}/.kernels_compiled"),
+    log:
+        f"{RESULTS}/logs/compile_kernels.log",
+    resources:
+        device=DEVICE,
+    shell:
+        "python -m pipeline.compile_kernels --spec null --out {output} --device {resources.device} 2>&1 | tee {log}"
+
+
+rule garment:
+    input:
+        code=code("garments", "body", "geometry", "pipeline/make_garment.py"),
+    output:
+        f"{RESULTS}/garments/{{garment}}.npz",
+    log:
+        f"{RESULTS}/logs/garment/{{garment}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/garment/{{garment}}.tsv"
+    params:
+        spec=lambda w: spec.garment_spec(config, w.garment),
+    shell:
+        "python -m pipeline.make_garment --spec {params.spec:q} --out {output} 2>&1 | tee {log}"
+
+
+rule motions:
+    input:
+        code=code("motions", "body", "geometry", "pipeline/make_motions.py"),
+    output:
+        f"{RESULTS}/motions/batch_{{batch}}.h5",
+    log:
+        f"{RESULTS}/logs/motions/{{batch}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/motions/{{batch}}.tsv"
+    params:
+        spec=lambda w: spec.motions_spec(config, int(w.batch)),
+    shell:
+        "python -m pipeline.make_motions --spec {params.spec:q} --out {output} 2>&1 | tee {log}"
+
+
+rule simulate:
+    input:
+        template=f"{RESULTS}/garments/{{garment}}.npz",
+        motions=lambda w: [f"{RESULTS}/motions/batch_{i:04d}.h5" for i in shard_batches(config, w.shard)],
+        kernels=f"{RESULTS}/.kernels_compiled",
+        code=code("sim", "datasets/shards.py", "pipeline/simulate.py"),
+    output:
+        ensure(f"{RESULTS}/shards/{{garment}}/{{shard}}.h5", non_empty=True),
+    log:
+        f"{RESULTS}/logs/simulate/{{garment}}_{{shard}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/simulate/{{garment}}_{{shard}}.tsv"
+    params:
+        spec=lambda w: spec.simulate_spec(config, w.garment, w.shard),
+    resources:
+        device=DEVICE,
+    shell:
+        "python -m pipeline.simulate --spec {params.spec:q} --out {output} --in {input.template} {input.motions}"
+        " --device {resources.device} 2>&1 | tee {log}"
+
+
+rule data:
+    input:
+        expand(f"{RESULTS}/shards/{{garment}}/{{shard}}.h5", garment=GARMENTS, shard=shard_names(config)),

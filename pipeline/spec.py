@@ -1,0 +1,138 @@
+"""What determines the output of each rule, as one canonical JSON string.
+
+Snakemake reruns a job when its parameters change; it compares them by ``repr`` and forgets their names. So every rule
+has exactly one parameter, made here: sorted keys, numbers that are written the same way always come out the same
+(``30`` and ``30.0`` alike), and nothing in it that the outputs do not depend on.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from pipeline.config import base_overrides
+from pipeline.plan import batch_clips, motion_labels, shard_plan, shard_simulations
+
+Config = Mapping[str, Any]
+MATERIAL_KEYS = ("base", "ranges")
+"""Keys of a garment that say what it is made of; all others say what shape it has."""
+
+
+def canonical(value: Any) -> str:
+    """JSON with sorted keys, in which a whole float is written as the integer it equals."""
+    return json.dumps(_plain(value), sort_keys=True, separators=(",", ":"))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, float) and value == int(value) and abs(value) < 2**53:
+        return int(value)
+    return value
+
+
+def garment_spec(config: Config, garment: str) -> str:
+    """A template depends on the body and on the garment's geometry, not on its material."""
+    geometry = {k: v for k, v in config["garments"][garment].items() if k not in MATERIAL_KEYS}
+    return canonical({"garment": garment, "geometry": geometry, "body": config["body"]})
+
+
+def motions_spec(config: Config, batch: int) -> str:
+    """A batch of clips."""
+    motions = config["motions"]
+    clips = [vars(clip) for clip in batch_clips(motions, batch)]
+    spec = {k: motions[k] for k in ("source", "fps", "frames")} | {"clips": clips, "body": config["body"]}
+    if motions["source"] == "procedural":
+        spec["seed"] = config["seed"]
+    else:
+        spec["folder"] = motions["bvh"]["folder"]
+    return canonical(spec)
+
+
+def simulate_spec(config: Config, garment: str, shard: str) -> str:
+    """A shard depends on one garment's material, the clips it uses and the solver's settings."""
+    settings = config["garments"][garment]
+    plan, _ = shard_plan(shard)
+    simulations = [[phi, clip.name, clip.take_index] for phi, clip in shard_simulations(config, shard)]
+    spec = {
+        "garment": garment,
+        "plan": plan,
+        "seed": config["seed"],
+        "body": config["body"],
+        "base": base_overrides(settings),
+        "simulations": simulations,
+        "fps": config["motions"]["fps"],
+        "lead_in": config["motions"]["lead_in"],
+        "solver": config["simulation"],
+    }
+    if plan == "materials":
+        spec["ranges"] = {name: [r["min"], r["max"]] for name, r in settings.get("ranges", {}).items()}
+    return canonical(spec)
+
+
+def _learning(config: Config) -> dict:
+    return {
+        "seed": config["seed"],
+        "body": config["body"],
+        "splits": config["data"]["splits"],
+    }
+
+
+def train_spec(config: Config, model: str, garment: str = "") -> str:
+    """A trained model of a garment, or of the motions where no garment is named."""
+    spec = _learning(config) | {"garment": garment, "model": config["models"][model]}
+    if model in ("recognition", "motion_cvae", "garment_regressor"):
+        spec["labels"] = motion_labels(config["motions"])
+        spec["frames"] = config["motions"]["frames"]
+    return canonical(spec)
+
+
+def evaluate_spec(config: Config, garment: str = "") -> str:
+    """An evaluation: the split, the settings of the metrics and, for the networks that need them, their settings."""
+    spec = _learning(config) | {"garment": garment, "evaluation": config["evaluation"]}
+    spec |= {
+        "labels": motion_labels(config["motions"]),
+        "refinement": config["models"]["refinement"],
+        "frames": config["motions"]["frames"],
+        "fps": config["motions"]["fps"],
+    }
+    return canonical(spec)
+
+
+def timing_spec(config: Config, garment: str) -> str:
+    """A timing: solver settings, base parameters and the number of frames."""
+    return canonical(
+        {
+            "garment": garment,
+            "body": config["body"],
+            "base": base_overrides(config["garments"][garment]),
+            "fps": config["motions"]["fps"],
+            "lead_in": config["motions"]["lead_in"],
+            "settle": config["simulation"]["settle"],
+            "timing": config["timing"],
+            "refinement": config["models"]["refinement"],
+        }
+    )
+
+
+def render_spec(config: Config, garment: str) -> str:
+    """Pictures and videos of one garment."""
+    return canonical(
+        _learning(config)
+        | {
+            "garment": garment,
+            "report": config["report"],
+            "labels": motion_labels(config["motions"]),
+            "refinement": config["models"]["refinement"],
+            "fps": config["motions"]["fps"],
+            "frames": config["motions"]["frames"],
+        }
+    )
+
+
+def report_spec(config: Config) -> str:
+    """The page prints the whole configuration."""
+    return canonical({k: v for k, v in config.items() if k != "compute"})

@@ -1,0 +1,117 @@
+"""Shards: what is written is read back; what is damaged or does not fit is refused; a killed write leaves nothing."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+
+from datasets.shards import (
+    DroppedSimulation,
+    ShardHeader,
+    ShardWriter,
+    SimulatedSequence,
+    read_dropped,
+    read_header,
+    read_quality,
+    read_sequences,
+)
+
+NAMES = ("density", "bend")
+
+
+@pytest.fixture
+def header() -> ShardHeader:
+    return ShardHeader(
+        garment="skirt",
+        plan="materials",
+        solver_version="1",
+        seed=7,
+        fps=30.0,
+        spec="{}",
+        template_vertices=np.random.default_rng(0).normal(size=(40, 3)).astype(np.float32),
+        template_faces=np.arange(30, dtype=np.int32).reshape(10, 3),
+        pinned=np.array([1, 2], dtype=np.int32),
+        body_name="small",
+        body_digest="abc",
+        body_faces=np.arange(12, dtype=np.int32).reshape(4, 3),
+        body_shape=np.zeros(10),
+        parameter_names=NAMES,
+        parameter_units=("kg/m^2", "N m"),
+        parameter_groups=("material", "material"),
+    )
+
+
+def make_sequence(seed: int = 0, frames: int = 60, vertices: int = 40) -> SimulatedSequence:
+    rng = np.random.default_rng(seed)
+
+    def draw(*shape: int) -> np.ndarray:
+        return rng.normal(size=shape).astype(np.float32)
+
+    return SimulatedSequence(
+        clip="walk_000",
+        take="walk_000",
+        take_index=3,
+        label="walk",
+        phi=5,
+        parameters={"density": 0.2, "bend": 1e-5},
+        vertices=draw(frames, vertices, 3),
+        pose=draw(frames, 24, 3),
+        root=draw(frames, 3),
+        joints=draw(frames, 24, 3),
+        lead_pose=draw(8, 24, 3),
+        lead_root=draw(8, 3),
+        lead_joints=draw(8, 24, 3),
+        quality={"max_edge_strain": 0.1, "attempts": 1},
+    )
+
+
+def test_what_is_written_is_read_back(tmp_path, header):
+    path, first, second = tmp_path / "a.h5", make_sequence(0), make_sequence(1)
+    lost = DroppedSimulation("run_001", "run", 9, "diverged at frame 3", 3)
+    with ShardWriter(path, header) as writer:
+        writer.add(first)
+        writer.drop(lost)
+        writer.add(second)
+    back = list(read_sequences(path))
+    assert len(back) == 2
+    for wrote, read in zip((first, second), back):
+        for name in ("vertices", "pose", "root", "joints", "lead_pose", "lead_root", "lead_joints"):
+            np.testing.assert_array_equal(getattr(wrote, name), getattr(read, name))
+        assert (read.clip, read.take_index, read.phi, read.parameters) == ("walk_000", 3, 5, wrote.parameters)
+        assert read.quality == wrote.quality
+    assert read_dropped(path) == [lost]
+    assert read_quality(path)[0]["parameter_bend"] == 1e-5
+    found = read_header(path)
+    np.testing.assert_array_equal(found.template_faces, header.template_faces)
+    assert (found.parameter_units, found.plan, found.fps) == (header.parameter_units, "materials", 30.0)
+
+
+def test_failure_leaves_no_file(tmp_path, header):
+    with pytest.raises(RuntimeError), ShardWriter(tmp_path / "a.h5", header) as writer:
+        writer.add(make_sequence())
+        raise RuntimeError("killed")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_sequences_that_do_not_fit_are_refused(tmp_path, header):
+    with ShardWriter(tmp_path / "a.h5", header) as writer:
+        with pytest.raises(ValueError, match=r"vertices has shape \[60, 41, 3\], expected \[60, 40, 3\]"):
+            writer.add(make_sequence(vertices=41))
+        bad = make_sequence()
+        bad.vertices[3, 2, 1] = np.nan
+        with pytest.raises(ValueError, match="vertices holds a number that is not finite"):
+            writer.add(bad)
+
+
+def test_files_that_are_no_shards_are_refused(tmp_path, header):
+    text = tmp_path / "text.h5"
+    text.write_text("no")
+    with pytest.raises(ValueError, match="not a readable HDF5 file"):
+        read_header(text)
+    with ShardWriter(tmp_path / "a.h5", header) as writer:
+        writer.add(make_sequence())
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        file.attrs["version"] = 99
+    with pytest.raises(ValueError, match="version 99; this program reads 'drapeline-shard', version 1"):
+        read_header(tmp_path / "a.h5")
