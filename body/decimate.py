@@ -1,7 +1,7 @@
 """Quadric edge collapse to an exact number of vertices, keeping the topology and the left-right symmetry.
 
-In: a closed triangle mesh, a per-vertex importance and the mirror image of each vertex. Out: the kept vertices (a subset of
-the given ones, so that skinning weights and shape components carry over without any transfer) and the new faces.
+In: a closed triangle mesh, a per-vertex importance and the mirror image of each vertex. Out: the kept vertices (a subset
+of the given ones, so that skinning weights and shape components carry over without any transfer) and the new faces.
 
 Half-edge collapses ranked by the quadric error of Garland & Heckbert 1997; a collapse is allowed only under the link
 condition (Dey et al. 1999), which keeps a closed manifold closed and of the same genus, and when no face flips or
@@ -14,7 +14,7 @@ import heapq
 
 import numpy as np
 
-EDGE_TERM = 0.02  # share of the squared edge length in the cost: evens out the triangles where the surface is flat
+EDGE_TERM = 0.05  # share of the squared edge length in the cost: evens out the triangles where the surface is flat
 SMALLEST_NORMAL_COSINE = 0.5  # a collapse may turn a face by at most 60 degrees
 LOWEST_SHAPE_QUALITY = 0.25  # 1 for an equilateral triangle, 0 for a sliver
 
@@ -56,6 +56,9 @@ class Decimator:
         if any(len(self.ring(v)) <= 3 for v in ring_removed & ring_kept):
             return False
         target = self.points[kept]
+        bound = LOWEST_SHAPE_QUALITY
+        for index in self.star[removed]:  # where slivers are already, no better shape is asked for
+            bound = min(bound, triangle_normal(*(self.points[v] for v in self.faces[index]))[1])
         for index in self.star[removed]:
             face = self.faces[index]
             if kept in face:
@@ -65,39 +68,60 @@ class Decimator:
             normal_before, _ = triangle_normal(*before)
             normal_after, quality = triangle_normal(*after)
             cosine = sum(a * b for a, b in zip(normal_before, normal_after))
-            if cosine < SMALLEST_NORMAL_COSINE or quality < LOWEST_SHAPE_QUALITY:
+            if cosine < SMALLEST_NORMAL_COSINE or quality < bound:
                 return False
         return True
 
-    def independent_of_mirror(self, removed: int, kept: int) -> bool:
-        """Whether the collapse and its mirror image do not touch each other, except for a common kept vertex."""
-        other, other_kept = self.mirror[removed], self.mirror[kept]
-        if other == removed:
-            return other_kept == kept
-        ring, other_ring = self.ring(removed), self.ring(other)
-        shared = ring & other_ring
-        return other not in ring and (not shared or (shared == {kept} and kept == other_kept))
-
-    def collapse(self, removed: int, kept: int) -> None:
-        """Move all faces of ``removed`` to ``kept`` and rank the changed edges anew."""
-        for index in list(self.star[removed]):
-            face = self.faces[index]
+    def relink(self, removed: int, kept: int) -> list[tuple[int, list[int]]]:
+        """Move all faces of ``removed`` to ``kept``; returns the faces as they were, for :meth:`restore`."""
+        before = [(index, list(self.faces[index])) for index in self.star[removed]]
+        for index, face in before:
+            for vertex in face:
+                self.star[vertex].discard(index)
             if kept in face:
-                for vertex in face:
-                    self.star[vertex].discard(index)
                 self.faces[index] = []
             else:
-                face[face.index(removed)] = kept
-                self.star[kept].add(index)
-        self.star[removed] = set()
-        self.quadric[kept] += self.quadric[removed]
-        self.version[removed] += 1
-        self.version[kept] += 1
-        self.alive -= 1
+                self.faces[index] = [kept if vertex == removed else vertex for vertex in face]
+                for vertex in self.faces[index]:
+                    self.star[vertex].add(index)
+        return before
+
+    def restore(self, before: list[tuple[int, list[int]]]) -> None:
+        """Undo a :meth:`relink`."""
+        for index, face in before:
+            for vertex in self.faces[index]:
+                self.star[vertex].discard(index)
+            self.faces[index] = face
+            for vertex in face:
+                self.star[vertex].add(index)
+
+    def collapse(self, removed: int, kept: int) -> bool:
+        """Collapse the edge and its mirror image; False, with nothing changed, where one of the two is not allowed."""
+        pairs = [(removed, kept)]
+        if self.mirror[removed] != removed:
+            pairs.append((self.mirror[removed], self.mirror[kept]))
+            if self.mirror[removed] == kept:
+                return False
+        elif self.mirror[kept] != kept:
+            return False  # would pull the plane of symmetry to one side
+        done: list[list[tuple[int, list[int]]]] = []
+        for u, v in pairs:
+            if not self.allowed(u, v):
+                for before in reversed(done):
+                    self.restore(before)
+                return False
+            done.append(self.relink(u, v))
+        for u, v in pairs:
+            self.quadric[v] += self.quadric[u]
+            self.version[u] += 1
+            self.version[v] += 1
+            self.alive -= 1
         # Collapses rejected before may have become possible around here, so the whole neighbourhood is ranked again.
-        for neighbour in self.ring(kept):
-            self.push(kept, neighbour)
-            self.push(neighbour, kept)
+        for _, v in pairs:
+            for neighbour in self.ring(v):
+                self.push(v, neighbour)
+                self.push(neighbour, v)
+        return True
 
     def run(self, count: int) -> None:
         """Collapse the cheapest mirrored pairs until ``count`` vertices are left."""
@@ -110,14 +134,9 @@ class Decimator:
             _, removed, kept, version_removed, version_kept = heapq.heappop(self.heap)
             if version_removed != self.version[removed] or version_kept != self.version[kept]:
                 continue
-            pair = self.mirror[removed] != removed
-            if pair and self.alive - 2 < count:
+            if self.mirror[removed] != removed and self.alive - 2 < count:
                 continue  # an odd one is left: wait for a collapse on the plane of symmetry
-            if not self.allowed(removed, kept) or not self.independent_of_mirror(removed, kept):
-                continue
             self.collapse(removed, kept)
-            if pair:
-                self.collapse(self.mirror[removed], self.mirror[kept])
 
 
 def decimate(
@@ -159,7 +178,7 @@ def vertex_quadrics(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def triangle_normal(a: tuple, b: tuple, c: tuple) -> tuple[tuple[float, float, float], float]:
-    """Unit normal and shape quality (1 for equilateral) of one triangle; plain floats, because arrays are slower here."""
+    """Unit normal and shape quality (1 for equilateral) of one triangle; in plain floats: arrays are slower here."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx

@@ -3,10 +3,10 @@
 In: a body name (or the arrays themselves), poses as axis-angle ``[T, 24, 3]`` [rad] in SMPL joint order and root
 translations ``[T, 3]`` [m]. Out: joint frames and posed vertices [m], y up, facing +z, left along +x.
 
-The vertices are stored in their *bind pose* (an A-pose), while SMPL's zero pose is a T-pose. ``bind_rotation`` holds the
-global rotation of each joint from the T-pose to the bind, so that linear blend skinning reads
-``x = sum_j w_j (G_j(theta) B_j^T (v - J_j) + p_j(theta))`` (Loper et al. 2015, eq. 2-4; for a body that is bound in the T-pose,
-B_j = I and this is SMPL's own formula).
+The vertices are stored in their *bind pose* (an A-pose), while SMPL's zero pose is a T-pose. ``bind_rotation`` holds
+the global rotation B_j of each joint from the T-pose to the bind, so that linear blend skinning reads
+``x = sum_j w_j (G_j(theta) B_j^T (v - J_j) + p_j(theta))`` (Loper et al. 2015, eq. 2-4; for a body that is bound in the
+T-pose, B_j = I and this is SMPL's own formula).
 
 Shapes: T frames, B body vertices, F faces, J = 24 joints.
 """

@@ -44,7 +44,7 @@ def closed_surface_faults(vertices: np.ndarray, faces: np.ndarray) -> list[str]:
 def self_intersecting_faces(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Faces that another face, without a common vertex, cuts through; ascending indices.
 
-    Two triangles cross when an edge of one passes through the other, so every edge is tested against every near triangle.
+    Two triangles cross when an edge of one passes through the other: every edge is tested against every near triangle.
     """
     corners = np.asarray(vertices, dtype=np.float64)[faces]
     centre = corners.mean(axis=1)
@@ -78,7 +78,7 @@ def near_pairs(centre: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def segment_hits_triangle(start: np.ndarray, end: np.ndarray, triangle: np.ndarray) -> np.ndarray:
-    """Whether each segment passes through its triangle (Moller & Trumbore 1997), shape [N] for ``triangle [N, 3, 3]``."""
+    """Whether each segment [N, 3] passes through its triangle [N, 3, 3], shape [N] (Moller & Trumbore 1997)."""
     direction = end - start
     u, v = triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0]
     normal = np.cross(direction, v)
