@@ -1,0 +1,150 @@
+"""Distances between animated garments, and figures of one garment against its template and the body.
+
+In: vertex positions [m], predicted and true, shape [T, V, 3]. Out: one number a sequence. Definitions follow the papers
+named at each function; lengths leave in metres, tables turn them into millimetres.
+
+T frames, V garment vertices, F garment faces, E edges, B body vertices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from geometry.proximity import SurfaceQuery, nearest_vertices
+from geometry.topology import MeshTopology, edge_lengths, vertex_normals
+
+COLLISION_MARGIN = 1.0e-3
+"""Second threshold of the collision rate [m]: cloth nearer than this looks like it touches or shines through."""
+
+
+def rmse(predicted: np.ndarray, truth: np.ndarray) -> float:
+    """Root of the mean over vertices and frames of the squared vertex distance [m] (Shi 2023, section 5.2)."""
+    return float(np.sqrt(np.mean(_squared_distances(predicted, truth))))
+
+
+def mean_vertex_error(predicted: np.ndarray, truth: np.ndarray) -> float:
+    """Mean over vertices and frames of the vertex distance [m] (Peng 2023 "Error", CAPE, TailorNet)."""
+    return float(np.mean(np.sqrt(_squared_distances(predicted, truth))))
+
+
+def hausdorff(predicted: np.ndarray, truth: np.ndarray, stride: int = 1) -> float:
+    """Symmetric Hausdorff distance between the vertex sets, mean over every ``stride``-th frame [m]."""
+    _check_pair(predicted, truth)
+    worst = []
+    for a, b in zip(predicted[::stride], truth[::stride], strict=True):
+        forth = cKDTree(b, balanced_tree=False, compact_nodes=False).query(a)[0].max()
+        back = cKDTree(a, balanced_tree=False, compact_nodes=False).query(b)[0].max()
+        worst.append(max(forth, back))
+    return float(np.mean(worst))
+
+
+def kg_error(predicted: np.ndarray, truth: np.ndarray) -> float:
+    """Karni-Gotsman error: 100 times the error's norm over the norm of the truth about each frame's mean point [%]."""
+    error = _squared_distances(predicted, truth).sum()
+    centred = truth.astype(np.float64) - truth.mean(axis=1, keepdims=True, dtype=np.float64)
+    return float(100.0 * np.sqrt(error / (centred**2).sum()))
+
+
+def normal_cosine_distance(predicted: np.ndarray, truth: np.ndarray, faces: np.ndarray) -> float:
+    """Mean over vertices and frames of ``1 - n . n'``, unit vertex normals (Shi 2023, lower is better)."""
+    _check_pair(predicted, truth)
+    dots = np.einsum("tvc,tvc->tv", vertex_normals(predicted, faces), vertex_normals(truth, faces))
+    return float(np.mean(1.0 - dots))
+
+
+def edge_deviation(vertices: np.ndarray, template: np.ndarray, edges: np.ndarray) -> float:
+    """Mean over edges and frames of ``| l - l_template |`` [m] ("edge" of DeePSD and GSNet, there times 1000)."""
+    return float(np.mean(np.abs(edge_lengths(vertices, edges) - edge_lengths(template, edges))))
+
+
+def bend(vertices: np.ndarray, topology: MeshTopology) -> float:
+    """Mean over vertices of the neighbour average of ``1 - n_i . n_j`` ("bend" of DeePSD and GSNet)."""
+    normals = vertex_normals(vertices, topology.faces)
+    i, j = topology.edges.T
+    bent = 1.0 - np.einsum("...c,...c->...", normals[..., i, :], normals[..., j, :])  # [T, E]
+    degree = np.bincount(topology.edges.reshape(-1), minlength=topology.vertex_count)
+    # Each edge counts once at either end, divided by that end's number of neighbours; lone vertices count nothing.
+    share = (1.0 / degree[i] + 1.0 / degree[j]) / np.count_nonzero(degree)
+    return float(np.mean(bent @ share))
+
+
+@dataclass(frozen=True)
+class StrainFigures:
+    """Absolute edge strain ``| l / l_rest - 1 |`` over all edges and frames."""
+
+    p50: float
+    p99: float
+    maximum: float
+
+
+def edge_strain(vertices: np.ndarray, rest: np.ndarray, edges: np.ndarray) -> StrainFigures:
+    """Percentiles of the edge strain of ``vertices [T, V, 3]`` against the rest shape ``rest [V, 3]``."""
+    length = edge_lengths(rest, edges)
+    if (length <= 0.0).any():
+        raise ValueError(f"rest: {int((length <= 0).sum())} edges have no length")
+    strain = np.abs(edge_lengths(vertices, edges) / length - 1.0)
+    p50, p99 = np.percentile(strain, [50, 99])
+    return StrainFigures(float(p50), float(p99), float(strain.max()))
+
+
+@dataclass(frozen=True)
+class CollisionFigures:
+    """Garment against body over the frames looked at.
+
+    Attributes:
+        rate: Share of the vertices with a signed distance below 0.
+        rate_margin: Share below ``COLLISION_MARGIN``.
+        deepest: Largest penetration [m], 0 when nothing is inside.
+        frames: Number of frames looked at.
+    """
+
+    rate: float
+    rate_margin: float
+    deepest: float
+    frames: int
+
+
+def collision_figures(
+    vertices: np.ndarray, body_vertices: np.ndarray, body: SurfaceQuery, stride: int = 1
+) -> CollisionFigures:
+    """Signed distances of ``vertices [T, V, 3]`` to the moving body surface ``body_vertices [T, B, 3]``."""
+    if len(vertices) != len(body_vertices):
+        raise ValueError(f"vertices have {len(vertices)} frames, body_vertices {len(body_vertices)}")
+    below, near, deepest, frames = 0, 0, 0.0, range(0, len(vertices), stride)
+    for t in frames:
+        distance = body.query(vertices[t], body_vertices[t], exact_within=2 * COLLISION_MARGIN).distance
+        below += int((distance < 0.0).sum())
+        near += int((distance < COLLISION_MARGIN).sum())
+        deepest = max(deepest, -float(distance.min()))
+    count = len(frames) * vertices.shape[1]
+    return CollisionFigures(below / count, near / count, deepest, len(frames))
+
+
+def nearest_vertex_collision_rate(
+    vertices: np.ndarray, body_vertices: np.ndarray, body_faces: np.ndarray, stride: int = 1
+) -> float:
+    """Share of garment vertices with ``(v - b) . n_b < 0``, b the nearest body *vertex* (DeePSD, GSNet)."""
+    below, frames = 0, range(0, len(vertices), stride)
+    for t in frames:
+        normals = vertex_normals(body_vertices[t], body_faces)
+        index, _ = nearest_vertices(vertices[t], body_vertices[t])
+        side = np.einsum("vc,vc->v", vertices[t] - body_vertices[t][index], normals[index])
+        below += int((side < 0.0).sum())
+    return below / (len(frames) * vertices.shape[1])
+
+
+def _squared_distances(predicted: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Squared vertex distances [m^2], shape [T, V], float64."""
+    _check_pair(predicted, truth)
+    difference = np.subtract(predicted, truth, dtype=np.float64)
+    return np.einsum("tvc,tvc->tv", difference, difference)
+
+
+def _check_pair(predicted: np.ndarray, truth: np.ndarray) -> None:
+    if predicted.shape != truth.shape or predicted.ndim != 3 or predicted.shape[2] != 3 or predicted.size == 0:
+        raise ValueError(
+            f"predicted and truth: expected equal shapes [T, V, 3], got {list(predicted.shape)} and {list(truth.shape)}"
+        )

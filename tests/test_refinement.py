@@ -1,0 +1,121 @@
+"""Refinement: no vertex inside afterwards, detail kept, far vertices unmoved, deep cases on the right side."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from geometry.proximity import SurfaceQuery
+from geometry.topology import MeshTopology
+from models.refinement import RefinementSettings, Refiner, refine_sequence
+
+
+def sheet(side: int = 25, size: float = 0.6) -> tuple[np.ndarray, MeshTopology]:
+    """Wavy horizontal sheet around y = 0: vertices [side^2, 3] and connectivity."""
+    line = np.linspace(-size / 2, size / 2, side)
+    x, z = np.meshgrid(line, line, indexing="ij")
+    vertices = np.stack([x, 0.004 * np.sin(40 * x), z], axis=-1).reshape(-1, 3)
+    index = np.arange(side * side).reshape(side, side)
+    a, b = index[:-1, :-1].ravel(), index[1:, :-1].ravel()
+    c, d = index[:-1, 1:].ravel(), index[1:, 1:].ravel()
+    faces = np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
+    return vertices, MeshTopology.from_faces(faces, len(vertices))
+
+
+def solid(rows: int, columns: int, radius: float, half_length: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Closed sphere, or capsule along z of the given half length: vertices and outward faces."""
+    theta = np.linspace(0, np.pi, rows + 1)[1:-1]
+    phi = np.arange(columns) * 2 * np.pi / columns
+    t, p = np.meshgrid(theta, phi, indexing="ij")
+    z = radius * np.cos(t) + half_length * np.sign(np.round(np.cos(t), 9))
+    ring = np.stack([radius * np.sin(t) * np.cos(p), radius * np.sin(t) * np.sin(p), z], axis=-1)
+    end = radius + half_length
+    vertices = np.concatenate([ring.reshape(-1, 3), [[0, 0, end], [0, 0, -end]]])
+    north, south, last = len(vertices) - 2, len(vertices) - 1, (rows - 2) * columns
+    faces = []
+    for j in range(columns):
+        k = (j + 1) % columns
+        faces += [[north, j, k], [south, last + k, last + j]]
+        for i in range(rows - 2):
+            a, b = i * columns + j, i * columns + k
+            faces += [[a, a + columns, b], [b, a + columns, b + columns]]
+    return vertices, np.array(faces)
+
+
+def test_sphere_pushed_into_a_sheet() -> None:
+    vertices, topology = sheet()
+    ball, faces = solid(16, 24, radius=0.1)
+    ball = ball - [0.0031, 0.085, 0.0047]  # 15 mm through the sheet
+    query = SurfaceQuery(faces, len(ball))
+    assert (query.query(vertices, ball).distance < 0).sum() > 8
+    refined, stats = refine_sequence(vertices[None], ball[None], topology, faces)
+    assert query.query(refined[0], ball).distance.min() > 0
+    assert stats.inside > 8 and stats.inside_after == 0 and stats.projected == 0
+    assert stats.iterations <= 5
+
+    move = np.linalg.norm(refined[0] - vertices, axis=1)
+    assert 0.015 < move.max() < 0.03
+    # The rim of the sheet is ten edges away from the ball and stays where it was.
+    rim = np.abs(vertices[:, [0, 2]]).max(axis=1) > 0.29
+    assert move[rim].max() < 0.15 * move.max()
+    # Local shape: pushing the vertices out one by one would leave a far greater change of the Laplacian.
+    laplacian = topology.uniform_laplacian()
+    hits = query.query(vertices, ball)
+    naive = np.where(hits.distance[:, None] < 0, hits.point + 0.003 * hits.normal, vertices)
+    changes = [np.linalg.norm(laplacian @ (v - vertices)) for v in (refined[0], naive)]
+    assert changes[0] < 0.8 * changes[1]
+
+
+def test_free_garment_comes_back_bit_for_bit() -> None:
+    vertices, topology = sheet(12)
+    ball, faces = solid(10, 14, radius=0.1)
+    clear = (vertices + [0, 0.15, 0]).astype(np.float32)
+    refined, stats = refine_sequence(clear[None], ball[None], topology, faces)
+    np.testing.assert_array_equal(refined[0], clear)
+    assert stats.inside == stats.iterations == stats.frames_touched == 0
+
+
+def test_sheet_beyond_the_middle_of_a_limb_goes_back_to_its_own_side() -> None:
+    # The limb's axis lies above the sheet's middle: the closest surface of the deepest vertices is the far side, below.
+    vertices, topology = sheet()
+    limb, faces = solid(24, 20, radius=0.04, half_length=0.6)
+    limb = limb + [0, 0.012, 0]
+    assert SurfaceQuery(faces, len(limb)).query(vertices, limb).distance.min() < -0.02
+    # The sheet comes from above: its rows beside the limb are lifted over it, as cloth hanging on an arm.
+    lifted = vertices.copy()
+    lifted[:, 1] += 0.06 * np.clip(np.abs(vertices[:, 0]) / 0.06, 0, 1)
+    refiner = Refiner(topology, faces, len(limb))
+    refined, stats = refiner.refine_frame(lifted, limb)
+    assert stats.inside_after == 0 and stats.redirected > 0
+    middle = np.abs(vertices[:, 0]) < 0.01
+    assert (refined[middle, 1] > limb[:, 1].mean()).all(), "cloth was pulled through the limb"
+
+
+def test_garment_wholly_inside_is_brought_out() -> None:
+    vertices, topology = sheet(8, size=0.05)
+    ball, faces = solid(12, 16, radius=0.1)
+    refined, stats = refine_sequence(vertices[None], ball[None], topology, faces, RefinementSettings(iterations=1))
+    assert stats.inside == len(vertices)
+    assert stats.inside_after == 0
+    assert SurfaceQuery(faces, len(ball)).query(refined[0], ball).distance.min() > 0
+
+
+def test_result_moves_with_the_scene() -> None:
+    vertices, topology = sheet(15)
+    ball, faces = solid(12, 16, radius=0.12)
+    ball = ball - [0.0031, 0.1, 0.0047]
+    shift = np.array([1.0, 0.5, -2.0])
+    here, _ = refine_sequence(vertices[None], ball[None], topology, faces)
+    there, _ = refine_sequence((vertices + shift)[None], (ball + shift)[None], topology, faces)
+    np.testing.assert_allclose(there - shift, here, atol=2e-6)
+
+
+def test_bad_input_is_named() -> None:
+    vertices, topology = sheet(8)
+    ball, faces = solid(8, 10, radius=0.1)
+    with pytest.raises(ValueError, match="expected shape \\[64, 3\\], got \\[63, 3\\]"):
+        Refiner(topology, faces, len(ball)).refine_frame(vertices[:-1], ball)
+    with pytest.raises(ValueError, match="2 frames, body_vertices 1"):
+        refine_sequence(np.stack([vertices] * 2), ball[None], topology, faces)
+    with pytest.raises(ValueError, match="clearance"):
+        RefinementSettings(clearance=0.0)
