@@ -1,7 +1,7 @@
 """Quadric edge collapse to an exact number of vertices, keeping the topology and the left-right symmetry.
 
-In: a closed triangle mesh, a per-vertex importance and the mirror image of each vertex. Out: the kept vertices (a subset
-of the given ones, so that skinning weights and shape components carry over without any transfer) and the new faces.
+In: a closed triangle mesh, a per-vertex importance and the mirror image of each vertex. Out: the kept vertices (a
+subset of the given ones: skinning weights and shape components carry over without any transfer) and the new faces.
 
 Half-edge collapses ranked by the quadric error of Garland & Heckbert 1997; a collapse is allowed only under the link
 condition (Dey et al. 1999), which keeps a closed manifold closed and of the same genus, and when no face flips or

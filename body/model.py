@@ -31,7 +31,7 @@ BODY_NAMES: tuple[str, ...] = ("full", "small")
 FRAMES_PER_CHUNK = 32  # bounds the temporary memory of skinning: 32 frames of 6,890 vertices are 2.6 MB
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # compared by identity: arrays have no truth value
 class Body:
     """A body surface with its skeleton, skinning weights and shape components.
 
@@ -205,6 +205,8 @@ def skin_matrix(points: np.ndarray, index: np.ndarray, weight: np.ndarray) -> np
             f"skin weights: expected index and weight of one shape [{len(points)}, K], "
             f"got {list(index.shape)} and {list(weight.shape)}"
         )
+    if index.size and (index.min() < 0 or index.max() >= JOINT_COUNT):
+        raise ValueError(f"skin index: expected 0..{JOINT_COUNT - 1}, got {index.min()}..{index.max()}")
     dense = np.zeros((len(points), JOINT_COUNT), dtype=np.float32)
     np.add.at(dense, (np.arange(len(points))[:, None], index), weight)
     homogeneous = np.concatenate([points, np.ones((len(points), 1))], axis=1).astype(np.float32)
@@ -227,12 +229,16 @@ def apply_skin(matrix: np.ndarray, transforms: np.ndarray) -> np.ndarray:
 
 
 def checked_motion(pose: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``pose [T, 24, 3]`` and ``root [T, 3]`` as float64; raises ``ValueError`` with the shapes got and expected."""
+    """``pose [T, 24, 3]`` and ``root [T, 3]`` as float64; raises ``ValueError`` saying what is wrong."""
     pose, root = np.asarray(pose, dtype=np.float64), np.asarray(root, dtype=np.float64)
     if pose.ndim != 3 or pose.shape[1:] != (JOINT_COUNT, 3):
         raise ValueError(f"pose: expected shape [T, {JOINT_COUNT}, 3], got {list(pose.shape)}")
     if root.shape != (len(pose), 3):
         raise ValueError(f"root: expected shape [{len(pose)}, 3] to match the pose, got {list(root.shape)}")
+    for name, values in (("pose", pose), ("root", root)):
+        if not np.isfinite(values).all():
+            frame = int(np.argwhere(~np.isfinite(values))[0, 0])
+            raise ValueError(f"{name}: expected finite values, got a NaN or an infinity in frame {frame}")
     return pose, root
 
 
