@@ -1,0 +1,66 @@
+"""Skin weights of a garment: those of the nearest body surface, made smooth over the garment.
+
+They move held vertices with the body, carry the skinned baseline, and say which body part a vertex belongs to. The
+nearest point jumps between the legs under a skirt and from arm to trunk in the armpit, so the raw weights are smoothed
+by one implicit diffusion step over the garment mesh; held vertices keep the raw weights, for they must follow the skin
+under them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from garments.landmarks import Landmarks
+from geometry.proximity import closest_surface
+from geometry.topology import MeshTopology, edge_lengths
+
+if TYPE_CHECKING:
+    from body.model import Body
+
+JOINT_COUNT = 24
+WEIGHTS_PER_VERTEX = 4
+
+
+def garment_weights(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    held: np.ndarray,
+    body: Body,
+    marks: Landmarks,
+    reach: np.ndarray,
+    arms: bool,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Smooth skin weights of a garment on the bind-pose body.
+
+    Args:
+        vertices: Garment vertices [m], shape [V, 3].
+        faces: Garment triangles, shape [F, 3].
+        held: Vertices that keep the raw weights, shape [P].
+        body: The body under the garment.
+        marks: Its landmarks.
+        reach: Smoothing length per vertex [m], shape [V].
+        arms: Whether the arms may lend weights (not to a skirt that a hand happens to be near).
+
+    Returns:
+        Joint numbers, shape [V, 4] int32, and weights summing to one, shape [V, 4] float32.
+    """
+    under = marks.faces if arms else marks.trunk_faces
+    hits = closest_surface(vertices, marks.vertices, under)
+    dense_body = np.zeros((len(marks.vertices), JOINT_COUNT))
+    np.add.at(dense_body, (np.arange(len(dense_body))[:, None], body.skin_index), body.skin_weight)
+    raw = np.einsum("vk,vkj->vj", hits.barycentric, dense_body[under[hits.face]])
+    topology = MeshTopology.from_faces(faces, len(vertices))
+    edge = edge_lengths(vertices, topology.edges).mean()
+    # On a triangular lattice the umbrella operator is -(edge^2 / 4) times the Laplace operator.
+    strength = 4.0 * (reach / edge) ** 2
+    strength[held] = 0.0
+    system = sp.identity(len(vertices)) + sp.diags(strength) @ topology.uniform_laplacian()
+    smooth = np.maximum(splu(system.tocsc()).solve(raw), 0.0)
+    index = np.argsort(-smooth, axis=1, kind="stable")[:, :WEIGHTS_PER_VERTEX]
+    weight = np.take_along_axis(smooth, index, axis=1)
+    weight /= weight.sum(axis=1, keepdims=True)
+    return index.astype(np.int32), weight.astype(np.float32)

@@ -1,0 +1,119 @@
+"""What a user may ask of a garment: kind, resolution and measures in metres, each with its default and limits."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One measure of a garment kind.
+
+    Attributes:
+        meaning: What it is, with its unit.
+        default: Value when none is given; None means "taken from the body", as the meaning says.
+        low, high: Allowed limits.
+    """
+
+    meaning: str
+    default: float | None
+    low: float
+    high: float
+
+
+CLOSE = "radius of the ball that bridges hollows such as the armpits and the small of the back [m]"
+
+MEASURES: dict[str, dict[str, Measure]] = {
+    "skirt": {
+        "length": Measure("waist to hem [m]; from the body: to the knee", None, 0.15, 1.1),
+        "ease": Measure("gap to the body at the hips [m]", 0.010, 0.003, 0.10),
+        "flare": Measure("growth of the radius per metre of height [m/m]", 0.25, 0.0, 1.2),
+    },
+    "tshirt": {
+        "length": Measure("neck joint to hem [m]; from the body: to the hip joints", None, 0.35, 0.9),
+        "ease": Measure("gap to the body at the chest [m]", 0.012, 0.004, 0.06),
+        "flare": Measure("growth of the gap per metre below the armpits [m/m]", 0.05, 0.0, 0.3),
+        "sleeve": Measure(
+            "shoulder joint to sleeve hem [m]; from the body: just past the middle of the upper arm", None, 0.08, 0.55
+        ),
+        "neck": Measure("distance of the neckline from the base of the neck [m]", 0.010, 0.0, 0.05),
+        "close": Measure(CLOSE, 0.035, 0.015, 0.08),
+    },
+    "pants": {
+        "length": Measure("waist to hem [m]; from the body: just above the ankles", None, 0.25, 1.2),
+        "ease": Measure("gap to the body at hips and legs [m]", 0.012, 0.004, 0.05),
+        "flare": Measure("growth of the gap per metre below the crotch [m/m]", 0.03, 0.0, 0.15),
+        "close": Measure(CLOSE, 0.030, 0.015, 0.06),
+    },
+}
+"""Measures of every garment kind; a measure that a kind lacks may not be given for it."""
+
+VERTEX_LIMITS: dict[str, tuple[int, int]] = {"skirt": (200, 12_600), "tshirt": (350, 12_600), "pants": (400, 12_600)}
+"""Fewer vertices than the lower limit tear sleeves or legs; the upper one is the largest published garment."""
+
+
+@dataclass(frozen=True)
+class GarmentSpec:
+    """A garment to build on a body; None takes the kind's default of ``MEASURES``.
+
+    Attributes:
+        name: Name of the garment in files and tables.
+        kind: "skirt", "tshirt" or "pants".
+        vertices: Vertices of the mesh, met exactly.
+        length: Waist (T-shirt: neck joint) to hem, straight down [m].
+        ease: Gap between body and garment [m].
+        flare: Widening towards the hem [m/m].
+        sleeve: Shoulder joint to sleeve hem, along the arm [m] (T-shirt).
+        neck: Distance of the neckline from the base of the neck [m] (T-shirt).
+        close: Radius of the ball that bridges hollows of the body [m] (T-shirt, pants).
+
+    Raises:
+        ValueError: with one sentence that names the field and what is allowed.
+    """
+
+    name: str
+    kind: str
+    vertices: int
+    length: float | None = None
+    ease: float | None = None
+    flare: float | None = None
+    sleeve: float | None = None
+    neck: float | None = None
+    close: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise ValueError("garment: 'name' must be a non-empty text")
+        where = f"garment '{self.name}'"
+        if self.kind not in MEASURES:
+            raise ValueError(f"{where}: unknown kind {self.kind!r}, known kinds are {', '.join(sorted(MEASURES))}")
+        low, high = VERTEX_LIMITS[self.kind]
+        if isinstance(self.vertices, bool) or not isinstance(self.vertices, int) or not low <= self.vertices <= high:
+            raise ValueError(
+                f"{where}: 'vertices' of {self.kind} must be a whole number in {low}..{high}, got {self.vertices!r}"
+            )
+        for field in ("length", "ease", "flare", "sleeve", "neck", "close"):
+            value = getattr(self, field)
+            if value is None:
+                continue
+            if field not in MEASURES[self.kind]:
+                known = ", ".join(MEASURES[self.kind])
+                raise ValueError(f"{where}: {self.kind} has no measure '{field}', it has {known}")
+            measure = MEASURES[self.kind][field]
+            number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+            if not number or not measure.low <= value <= measure.high:
+                raise ValueError(
+                    f"{where}: '{field}' must lie in {measure.low}..{measure.high}, got {value!r} ({measure.meaning})"
+                )
+
+    def measure(self, field: str, from_body: float | None = None) -> float:
+        """The value of a measure: as given, else its default, else what the body says [m]."""
+        value = getattr(self, field)
+        if value is None:
+            value = MEASURES[self.kind][field].default
+        if value is None:
+            value = from_body
+        if value is None:
+            raise ValueError(f"garment '{self.name}': '{field}' is neither given nor known from the body")
+        return float(value)

@@ -1,0 +1,168 @@
+"""A garment template: the mesh as worn on the bind-pose body, and how it hangs on it.
+
+The file is a plain ``.npz`` (no pickle): arrays of ``GarmentTemplate`` under their own names and ``format_version``.
+"""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from geometry.topology import MeshTopology, face_areas
+
+FORMAT_VERSION = 1
+SMALLEST_AREA = 1e-9
+"""Triangles below this area [m^2] (a hair of 1 mm by 2 um) count as degenerate."""
+
+_TEXTS = ("name", "kind", "body_name", "body_digest")
+_ARRAYS = ("vertices", "faces", "pinned", "skin_index", "skin_weight")
+
+
+@dataclass(frozen=True, eq=False)
+class GarmentTemplate:
+    """A garment on a body in its bind pose; the built shape is the rest shape.
+
+    Attributes:
+        name: Name of the garment.
+        kind: "skirt", "tshirt", "pants", or what a user's own mesh is called.
+        vertices: Positions on the bind-pose body [m], shape [V, 3] float32.
+        faces: Outward triangles, shape [F, 3] int32.
+        pinned: Vertices that are held to the body (the waist ring; empty for a T-shirt), shape [P] int32, sorted.
+        skin_index: Joints that move a vertex, shape [V, 4] int32.
+        skin_weight: Their weights, not negative, summing to one, shape [V, 4] float32.
+        body_name: Body that the garment was built on.
+        body_digest: Digest of that body.
+
+    Raises:
+        ValueError: in one sentence, for arrays of wrong shape, values that are not finite, degenerate or non-manifold
+            triangles, indices out of range or weights that do not sum to one.
+    """
+
+    name: str
+    kind: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    pinned: np.ndarray
+    skin_index: np.ndarray
+    skin_weight: np.ndarray
+    body_name: str
+    body_digest: str
+
+    def __post_init__(self) -> None:
+        where = f"garment '{self.name}'"
+        for field, dtype in (
+            ("vertices", np.float32),
+            ("faces", np.int32),
+            ("pinned", np.int32),
+            ("skin_index", np.int32),
+            ("skin_weight", np.float32),
+        ):
+            object.__setattr__(self, field, _numbers(where, field, getattr(self, field), dtype))
+        count = len(self.vertices)
+        for field, shape in (
+            ("vertices", (None, 3)),
+            ("faces", (None, 3)),
+            ("pinned", (None,)),
+            ("skin_index", (count, 4)),
+            ("skin_weight", (count, 4)),
+        ):
+            got = getattr(self, field).shape
+            if len(got) != len(shape) or any(w is not None and w != g for w, g in zip(shape, got)):
+                wanted = [{"vertices": "V", "faces": "F", "pinned": "P"}[field] if w is None else w for w in shape]
+                raise ValueError(f"{where}: '{field}' must have shape {_listed(wanted)}, got {_listed(got)}")
+        if count < 3 or len(self.faces) == 0:
+            raise ValueError(f"{where}: a mesh needs at least 3 vertices and 1 face, got {count} and {len(self.faces)}")
+        for field in ("vertices", "skin_weight"):
+            bad = ~np.isfinite(getattr(self, field)).all(axis=1)
+            if bad.any():
+                raise ValueError(
+                    f"{where}: '{field}' row {int(bad.argmax())} is not finite ({int(bad.sum())} such rows)"
+                )
+        for field, limit in (("faces", count), ("pinned", count), ("skin_index", 24)):
+            values = getattr(self, field)
+            if values.size and (values.min() < 0 or values.max() >= limit):
+                raise ValueError(f"{where}: '{field}' must lie in 0..{limit - 1}, got {values.min()}..{values.max()}")
+        if len(np.unique(self.pinned)) != len(self.pinned):
+            raise ValueError(f"{where}: 'pinned' names a vertex twice")
+        if (self.skin_weight < 0).any() or (np.abs(self.skin_weight.sum(axis=1) - 1.0) > 1e-3).any():
+            raise ValueError(f"{where}: 'skin_weight' rows must be non-negative and sum to one")
+        self._check_mesh(where)
+
+    def _check_mesh(self, where: str) -> None:
+        unused = np.setdiff1d(np.arange(len(self.vertices)), self.faces)
+        if len(unused):
+            raise ValueError(f"{where}: vertex {unused[0]} belongs to no face ({len(unused)} such vertices)")
+        area = face_areas(self.vertices.astype(np.float64), self.faces)
+        if area.min() < SMALLEST_AREA:
+            raise ValueError(f"{where}: face {int(area.argmin())} is degenerate (area {area.min():.1e} m^2)")
+        try:
+            topology = self.topology
+        except ValueError as error:
+            raise ValueError(f"{where}: {error}") from None
+        openings = np.bincount(topology.edges[topology.boundary].reshape(-1), minlength=len(self.vertices))
+        if openings.max() > 2:
+            raise ValueError(
+                f"{where}: vertex {int(openings.argmax())} joins two openings: the mesh is not manifold there"
+            )
+
+    @cached_property
+    def topology(self) -> MeshTopology:
+        """Edges, hinges and boundary of the mesh."""
+        return MeshTopology.from_faces(self.faces, len(self.vertices))
+
+    def save(self, path: str | Path) -> None:
+        """Write the template as one ``.npz`` file, whole or not at all."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(path.name + ".tmp")
+        content = {field: getattr(self, field) for field in _ARRAYS}
+        content |= {field: np.array(getattr(self, field)) for field in _TEXTS}
+        with open(partial, "wb") as stream:
+            np.savez_compressed(stream, format_version=np.array(FORMAT_VERSION), **content)
+        os.replace(partial, path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> GarmentTemplate:
+        """Read a template; ``ValueError`` names the file and what is wrong with it, ``FileNotFoundError`` if absent."""
+        path = Path(path)
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                if not isinstance(archive, np.lib.npyio.NpzFile):
+                    raise ValueError("a single array instead of an .npz archive")
+                content = {key: archive[key] for key in archive.files}
+        except FileNotFoundError:
+            raise
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError) as error:
+            raise ValueError(f"{path}: not a readable garment template ({error})") from None
+        missing = [key for key in ("format_version", *_TEXTS, *_ARRAYS) if key not in content]
+        if missing:
+            raise ValueError(f"{path}: not a garment template, it lacks {', '.join(missing)}")
+        version = content["format_version"]
+        if version.shape != () or version.dtype.kind not in "iu" or int(version) != FORMAT_VERSION:
+            raise ValueError(f"{path}: garment template format {version} cannot be read, only {FORMAT_VERSION}")
+        for key in _TEXTS:
+            if content[key].shape != () or content[key].dtype.kind != "U":
+                raise ValueError(f"{path}: '{key}' must be a text")
+        try:
+            return cls(**{key: str(content[key]) for key in _TEXTS}, **{key: content[key] for key in _ARRAYS})
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+
+
+def _numbers(where: str, field: str, values: np.ndarray, dtype: type) -> np.ndarray:
+    array = np.asarray(values)
+    allowed = "iu" if dtype is np.int32 else "iuf"
+    if array.size and array.dtype.kind not in allowed:
+        raise ValueError(
+            f"{where}: '{field}' must hold {'whole ' if dtype is np.int32 else ''}numbers, got {array.dtype}"
+        )
+    return np.ascontiguousarray(array, dtype=dtype)
+
+
+def _listed(shape: object) -> str:
+    return "[" + ", ".join(str(part) for part in shape) + "]"
