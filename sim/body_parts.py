@@ -1,0 +1,103 @@
+"""Which parts of the body a garment vertex collides with.
+
+Where the body passes through itself (arm pressed to the torso, thigh on thigh), cloth between the two surfaces can
+satisfy neither. So a vertex collides only with the parts it belongs to by its skinning weights; a body part is an open
+piece of the surface that overlaps its neighbours at the joints. Pure NumPy; indices follow the 24 SMPL joints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+# Joints of each part. Collars belong to the trunk: shirts lie on them.
+BODY_PARTS: dict[str, tuple[int, ...]] = {
+    "trunk": (0, 3, 6, 9, 12, 13, 14, 15),
+    "left_thigh": (1,),
+    "right_thigh": (2,),
+    "left_shank": (4, 7, 10),
+    "right_shank": (5, 8, 11),
+    "left_upper_arm": (16,),
+    "right_upper_arm": (17,),
+    "left_forearm": (18, 20, 22),
+    "right_forearm": (19, 21, 23),
+}
+# A skirt hangs around both legs at once: to it they are one body with the trunk. The same holds for a dress.
+_LEGS_AS_ONE = ("trunk", "left_thigh", "right_thigh", "left_shank", "right_shank")
+JOINED_PARTS: dict[str, tuple[tuple[str, ...], ...]] = {"skirt": (_LEGS_AS_ONE,), "dress": (_LEGS_AS_ONE,)}
+
+MAX_OWNED = 4  # parts a vertex
+
+
+@dataclass(frozen=True)
+class ContactParts:
+    """Parts of a body as seen by one garment.
+
+    Attributes:
+        faces: Face indices into the body of each part.
+        owned: Part indices of each garment vertex, padded with -1, shape [V, 4].
+    """
+
+    faces: tuple[np.ndarray, ...]
+    owned: np.ndarray
+
+
+def whole_body(face_count: int, vertex_count: int) -> ContactParts:
+    """Every vertex collides with every face."""
+    owned = np.full((vertex_count, MAX_OWNED), -1, dtype=np.int32)
+    owned[:, 0] = 0
+    return ContactParts((np.arange(face_count),), owned)
+
+
+def own_parts(
+    kind: str,
+    body_faces: np.ndarray,
+    body_index: np.ndarray,
+    body_weight: np.ndarray,
+    garment_index: np.ndarray,
+    garment_weight: np.ndarray,
+    owned_above: float = 0.15,
+    face_above: float = 0.35,
+) -> ContactParts:
+    """Parts by skinning weight.
+
+    Args:
+        kind: Garment kind; those in ``JOINED_PARTS`` take several parts as one.
+        body_faces: Triangles of the body, shape [F, 3].
+        body_index: Joints of each body vertex, shape [B, k].
+        body_weight: Their weights, shape [B, k].
+        garment_index: Joints of each garment vertex, shape [V, k].
+        garment_weight: Their weights, shape [V, k].
+        owned_above: A garment vertex owns a part with more than this summed weight, and always the heaviest one.
+        face_above: A face belongs to a part with more than this summed weight, and always to the heaviest one.
+    """
+    groups = _groups(kind)
+    body = _part_weights(groups, body_index, body_weight)[body_faces].mean(axis=1)
+    garment = _part_weights(groups, garment_index, garment_weight)
+
+    used = np.flatnonzero(_belongs(garment, owned_above).any(axis=0))
+    faces = tuple(np.flatnonzero(_belongs(body, face_above)[:, part]) for part in used)
+    belongs = _belongs(garment, owned_above)[:, used]
+    # Heaviest first, so that the padding of four never drops the part that matters.
+    order = np.argsort(-np.where(belongs, garment[:, used], -1.0), axis=1, kind="stable")[:, :MAX_OWNED]
+    owned = np.full((len(garment), MAX_OWNED), -1, dtype=np.int32)
+    owned[:, : order.shape[1]] = np.where(np.take_along_axis(belongs, order, axis=1), order, -1)
+    return ContactParts(faces, owned)
+
+
+def _groups(kind: str) -> list[tuple[int, ...]]:
+    joined = JOINED_PARTS.get(kind, ())
+    groups = [sum((BODY_PARTS[name] for name in names), ()) for names in joined]
+    taken = {name for names in joined for name in names}
+    return groups + [joints for name, joints in BODY_PARTS.items() if name not in taken]
+
+
+def _part_weights(groups: list[tuple[int, ...]], index: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    columns = [np.where(np.isin(index, joints), weight, 0.0).sum(axis=1) for joints in groups]
+    return np.stack(columns, axis=1)
+
+
+def _belongs(weights: np.ndarray, above: float) -> np.ndarray:
+    heaviest = weights == weights.max(axis=1, keepdims=True)
+    return (weights > above) | heaviest

@@ -1,0 +1,145 @@
+"""Rest state of a garment: per-triangle 2-D coordinates, masses and flat hinges.
+
+In: vertices [V, 3] [m] of the garment as sewn (on the bind-pose body), faces [F, 3], pinned vertex indices. Out: the
+constants of the two cloth energies, for unit density and unit stiffness, so that one rest state serves every set of
+intrinsic parameters:
+
+- Membrane (Baraff & Witkin 1998, section 4.2): ``w_u = dx1 du1 + dx2 du2``, ``w_v = dx1 dv1 + dx2 dv2`` with
+  ``dx1 = x1 - x0``, ``dx2 = x2 - x0`` and the inverse of the rest matrix of the triangle.
+- Bending (Bergou et al. 2006, isometric): ``E = k/2 |sum_i K_i x_i|^2 / (A0 + A1)`` with cotangent weights ``K``. The
+  paper's factor 3 is left out: with it, cylindrical bending comes out about three times too stiff.
+
+The module is free of Warp, so that every solver and every test reads the same constants.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.topology import MeshTopology, face_normals, normalized
+
+# Above this |cosine| between a triangle's normal and the vertical, the vertical has no usable direction in its plane.
+_HORIZONTAL_COSINE = 0.98
+
+
+@dataclass(frozen=True)
+class RestState:
+    """Constants of a garment's energies.
+
+    Attributes:
+        vertices: Rest positions [m], shape [V, 3], float64.
+        topology: Edges and hinges.
+        pinned: Indices of kinematic vertices, shape [P].
+        area: Rest areas of the triangles [m^2], shape [F].
+        inverse: ``[[du1, dv1], [du2, dv2]]`` [1/m], shape [F, 2, 2]: deformation gradient columns are
+            ``[dx1 dx2] @ inverse``.
+        vertex_area: A third of the areas around each vertex [m^2], shape [V]; times density it is the mass.
+        inverse_mass: ``1 / vertex_area`` [1/m^2] and 0 for pinned vertices, shape [V].
+        hinges: Vertices ``(i, j, k, l)`` of each hinge, shape [H, 4].
+        hinge_weights: Cotangent weights ``K / sqrt(A0 + A1)`` [1/m], shape [H, 4], so that the bending energy is
+            ``k/2 |sum_i weight_i x_i|^2``.
+        edge_length: Rest lengths of the edges [m], shape [E].
+    """
+
+    vertices: np.ndarray
+    topology: MeshTopology
+    pinned: np.ndarray
+    area: np.ndarray
+    inverse: np.ndarray
+    vertex_area: np.ndarray
+    inverse_mass: np.ndarray
+    hinges: np.ndarray
+    hinge_weights: np.ndarray
+    edge_length: np.ndarray
+
+    @classmethod
+    def from_mesh(cls, vertices: np.ndarray, faces: np.ndarray, pinned: np.ndarray | None = None) -> RestState:
+        """Measure a mesh; raises ``ValueError`` on NaN, wrong shapes, degenerate triangles or pins out of range."""
+        vertices = np.asarray(vertices, dtype=np.float64)
+        if vertices.ndim != 2 or vertices.shape[1] != 3:
+            raise ValueError(f"garment vertices: expected shape [V, 3], got {list(vertices.shape)}")
+        if not np.isfinite(vertices).all():
+            raise ValueError(f"garment vertices: vertex {_first(~np.isfinite(vertices).all(axis=1))} is not finite")
+        faces = np.asarray(faces)
+        if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
+            raise ValueError(f"garment faces: index {faces.max()} outside the {len(vertices)} vertices")
+        topology = MeshTopology.from_faces(faces, len(vertices))
+        pinned = np.zeros(0, dtype=np.int32) if pinned is None else np.unique(np.asarray(pinned, dtype=np.int32))
+        if len(pinned) and (pinned[0] < 0 or pinned[-1] >= len(vertices)):
+            raise ValueError(f"pinned vertices: {pinned[0]} to {pinned[-1]} lie outside the {len(vertices)} vertices")
+
+        inverse, area = material_coordinates(vertices, topology.faces)
+        vertex_area = np.bincount(topology.faces.ravel(), np.repeat(area / 3.0, 3), minlength=len(vertices))
+        if (vertex_area <= 0.0).any():
+            raise ValueError(f"garment vertex {_first(vertex_area <= 0.0)} belongs to no triangle")
+        inverse_mass = 1.0 / vertex_area
+        inverse_mass[pinned] = 0.0
+        ends = vertices[topology.edges]
+        return cls(
+            vertices=vertices,
+            topology=topology,
+            pinned=pinned,
+            area=area,
+            inverse=inverse,
+            vertex_area=vertex_area,
+            inverse_mass=inverse_mass,
+            hinges=topology.hinges,
+            hinge_weights=isometric_hinge_weights(vertices, topology.hinges),
+            edge_length=np.linalg.norm(ends[:, 0] - ends[:, 1], axis=-1),
+        )
+
+    def edge_strain(self, vertices: np.ndarray) -> np.ndarray:
+        """Relative change of edge length against rest, shape [..., E] for ``vertices [..., V, 3]``."""
+        i, j = self.topology.edges.T
+        length = np.linalg.norm(vertices[..., i, :] - vertices[..., j, :], axis=-1)
+        return length / self.edge_length - 1.0
+
+
+def material_coordinates(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse rest matrices [1/m], shape [F, 2, 2], and areas [m^2], shape [F].
+
+    v (warp) is the vertical projected into the triangle, u (weft) is at right angles to it in the plane. A triangle
+    that lies flat takes the front-back direction z for v, so that a horizontal sheet has one direction throughout.
+    """
+    normal = face_normals(vertices, faces)
+    up = np.tile([0.0, 1.0, 0.0], (len(faces), 1))
+    up[np.abs(normal[:, 1]) > _HORIZONTAL_COSINE] = (0.0, 0.0, 1.0)
+    v = normalized(up - (up * normal).sum(-1, keepdims=True) * normal)
+    u = np.cross(v, normal)
+    corners = vertices[faces]
+    d1, d2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    rest = np.empty((len(faces), 2, 2))  # columns: the two rest edges in (u, v)
+    rest[:, 0, 0], rest[:, 0, 1] = (d1 * u).sum(-1), (d2 * u).sum(-1)
+    rest[:, 1, 0], rest[:, 1, 1] = (d1 * v).sum(-1), (d2 * v).sum(-1)
+    determinant = np.linalg.det(rest)
+    longest = np.maximum((d1**2).sum(-1), (d2**2).sum(-1))
+    flat = np.abs(determinant) < 1e-4 * longest
+    if flat.any():
+        raise ValueError(f"garment triangle {_first(flat)} is degenerate (area {determinant[flat][0] / 2:.3g} m^2)")
+    return np.linalg.inv(rest), 0.5 * np.abs(determinant)
+
+
+def isometric_hinge_weights(vertices: np.ndarray, hinges: np.ndarray) -> np.ndarray:
+    """Cotangent weights of flat hinges over ``sqrt(A0 + A1)`` [1/m], shape [H, 4], from the triangles' own geometry.
+
+    Each triangle's angles are measured in 3-D, so that a curved garment gets the weights of its unfolded hinges, whose
+    energy vanishes when flat.
+    """
+    xi, xj, xk, xl = (vertices[hinges[:, c]] for c in range(4))
+    cot_ik, cot_jk = _cotangent(xi, xj, xk), _cotangent(xj, xi, xk)  # at i and j, in the first triangle
+    cot_il, cot_jl = _cotangent(xi, xj, xl), _cotangent(xj, xi, xl)  # in the second triangle
+    weights = np.stack([cot_jk + cot_jl, cot_ik + cot_il, -cot_ik - cot_jk, -cot_il - cot_jl], axis=1)
+    area = 0.5 * np.linalg.norm(np.cross(xj - xi, xk - xi), axis=-1)
+    area += 0.5 * np.linalg.norm(np.cross(xj - xi, xl - xi), axis=-1)
+    return weights / np.sqrt(area)[:, None]
+
+
+def _cotangent(apex: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    a, b = first - apex, second - apex
+    return (a * b).sum(-1) / np.linalg.norm(np.cross(a, b), axis=-1)
+
+
+def _first(mask: np.ndarray) -> int:
+    return int(np.argmax(mask))
