@@ -1,0 +1,184 @@
+"""Training, storing and loading of the motion generator and of the recognition network.
+
+In: 6-D poses and label names as plain arrays. Out: trained modules on the CPU in eval mode, with their logs.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from body.model import Body
+from models.body_layer import BodyLayer
+from models.checkpoint import load_model, save_model
+from models.motion_cvae import MotionCVAE, MotionCVAEConfig, motion_cvae_loss
+from models.recognition import RecognitionConfig, RecognitionNetwork, recognition_loss
+from models.training import Progress, TrainingLog, TrainingSettings, array_digest, prepare, shuffled_batches, train
+
+CVAE_KIND = "motion_cvae"
+RECOGNITION_KIND = "recognition"
+
+PAPER_CVAE_TRAINING = TrainingSettings(epochs=5000, learning_rate=1e-4, schedule="plateau")
+PAPER_CVAE_BATCH = 20
+
+
+def fit_motion_cvae(
+    pose6d: np.ndarray,
+    labels: Sequence[str],
+    body: Body,
+    config: MotionCVAEConfig,
+    settings: TrainingSettings,
+    batch: int,
+    work_dir: Path | str,
+    validation: tuple[np.ndarray, Sequence[str]] | None = None,
+    progress: Progress | None = None,
+) -> tuple[MotionCVAE, TrainingLog]:
+    """Train the motion generator (published: ``PAPER_CVAE_TRAINING``, batches of ``PAPER_CVAE_BATCH``).
+
+    Args:
+        pose6d: Training poses, shape [N, T, 24, 6].
+        labels: Label name of each, N.
+        body: Body of the vertex loss.
+        config: Sizes; its labels must cover ``labels``.
+        settings, batch: Of the training loop.
+        work_dir: Folder of this run alone; a killed run continues there.
+        validation: Held-out poses and labels; their loss is logged and steers a plateau schedule.
+        progress: Takes lines of text.
+
+    Raises:
+        ValueError: Wrong shapes, no clips, or a label that the config does not name.
+    """
+    prepare(settings)
+    model = MotionCVAE(config)
+    layer = BodyLayer(body)
+    return _fit(
+        model,
+        lambda rows: motion_cvae_loss(model, layer, rows),
+        pose6d,
+        labels,
+        settings,
+        batch,
+        work_dir,
+        validation,
+        progress,
+        layer,
+    )
+
+
+def fit_recognition(
+    pose6d: np.ndarray,
+    labels: Sequence[str],
+    config: RecognitionConfig,
+    settings: TrainingSettings,
+    batch: int,
+    work_dir: Path | str,
+    validation: tuple[np.ndarray, Sequence[str]] | None = None,
+    progress: Progress | None = None,
+) -> tuple[RecognitionNetwork, TrainingLog]:
+    """Train the recognition network; arguments as of ``fit_motion_cvae``."""
+    prepare(settings)
+    model = RecognitionNetwork(config)
+    return _fit(
+        model,
+        lambda rows: recognition_loss(model, rows),
+        pose6d,
+        labels,
+        settings,
+        batch,
+        work_dir,
+        validation,
+        progress,
+    )
+
+
+def _fit(
+    model: MotionCVAE | RecognitionNetwork,
+    loss: Callable[[tuple[Tensor, Tensor]], dict[str, Tensor]],
+    pose6d: np.ndarray,
+    labels: Sequence[str],
+    settings: TrainingSettings,
+    batch: int,
+    work_dir: Path | str,
+    validation: tuple[np.ndarray, Sequence[str]] | None,
+    progress: Progress | None,
+    beside: nn.Module | None = None,
+):
+    device = prepare(settings)
+    poses, numbers = _tensors(pose6d, labels, model.config.labels)
+    model.set_scaling(poses)
+    if beside is not None:
+        beside.to(device)
+    poses, numbers = poses.to(device), numbers.to(device)
+    held = None
+    if validation is not None and len(validation[0]):
+        held = tuple(x.to(device) for x in _tensors(*validation, model.config.labels))
+
+    def batches(epoch: int, generator: np.random.Generator) -> Iterator[tuple[Tensor, Tensor]]:
+        for rows in shuffled_batches(len(poses), batch, generator):
+            chosen = torch.as_tensor(rows, device=device)
+            yield poses[chosen], numbers[chosen]
+
+    def validate() -> dict[str, float]:
+        sums: dict[str, float] = {}
+        for start in range(0, len(held[0]), 32):
+            part = tuple(x[start : start + 32] for x in held)
+            for name, value in loss(part).items():
+                sums[name] = sums.get(name, 0.0) + float(value) * len(part[0]) / len(held[0])
+        return sums
+
+    log = train(
+        model,
+        batches,
+        loss,
+        settings,
+        work_dir,
+        validate=validate if held is not None else None,
+        progress=progress,
+        identity=f"{model.config} {batch} {array_digest(poses.cpu().numpy(), numbers.cpu().numpy())}",
+    )
+    return model.cpu(), log
+
+
+def _tensors(pose6d: np.ndarray, labels: Sequence[str], known: Sequence[str]) -> tuple[Tensor, Tensor]:
+    poses = np.asarray(pose6d, dtype=np.float32)
+    if poses.ndim != 4 or poses.shape[2:] != (24, 6) or len(poses) == 0:
+        raise ValueError(f"pose6d: expected shape [N, T, 24, 6] with N >= 1, got {list(poses.shape)}")
+    if len(labels) != len(poses):
+        raise ValueError(f"{len(poses)} pose sequences, but {len(labels)} labels")
+    number = {name: n for n, name in enumerate(known)}
+    for name in labels:
+        if name not in number:
+            raise ValueError(f"label {name!r} is not one of the model's: {', '.join(known)}")
+    return torch.as_tensor(poses), torch.tensor([number[name] for name in labels], dtype=torch.long)
+
+
+def save_motion_cvae(path: str | os.PathLike, model: MotionCVAE) -> None:
+    """Write a trained motion generator to one file."""
+    save_model(path, CVAE_KIND, asdict(model.config), model)
+
+
+def load_motion_cvae(path: str | os.PathLike) -> MotionCVAE:
+    """Read what ``save_motion_cvae`` wrote; ``ValueError`` when the file is none."""
+    stored = load_model(path, CVAE_KIND)
+    model = MotionCVAE(MotionCVAEConfig(**stored.config))
+    stored.into(model)
+    return model
+
+
+def save_recognition(path: str | os.PathLike, model: RecognitionNetwork) -> None:
+    """Write a trained recognition network to one file."""
+    save_model(path, RECOGNITION_KIND, asdict(model.config), model)
+
+
+def load_recognition(path: str | os.PathLike) -> RecognitionNetwork:
+    """Read what ``save_recognition`` wrote; ``ValueError`` when the file is none."""
+    stored = load_model(path, RECOGNITION_KIND)
+    model = RecognitionNetwork(RecognitionConfig(**stored.config))
+    stored.into(model)
+    return model

@@ -1,0 +1,206 @@
+"""Garment regressors: decoding with a cache, causality, over-fitting, collision tuning, files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from body.model import Body
+from models.collision_tuning import CollisionTuning, fine_tune_collisions
+from models.garment_fitting import (
+    GarmentExample,
+    RegressorTraining,
+    build_regressor,
+    fit_garment_regressor,
+    load_regressor,
+    save_regressor,
+)
+from models.garment_regressor import VARIANTS, Regressor, RegressorConfig, variant_config
+from models.motion_features import MotionTrack, track_features
+from models.sequence_regressor import SequenceRegressor
+from models.shape_code import ShapeCode
+from models.training import TrainingSettings
+
+torch.set_num_threads(1)
+SMALL = {"width": 16, "feed_forward": 32, "heads": 2, "bos_hidden": (16,), "window_hidden": (64,)}
+LEAD, FRAMES = 4, 12
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return Body.load("small")
+
+
+def _faces(around: int, rows: int) -> np.ndarray:
+    """Triangles of an open tube."""
+    i, k = np.meshgrid(np.arange(around), np.arange(rows - 1), indexing="ij")
+    a, b = (i * rows + k).ravel(), ((i + 1) % around * rows + k).ravel()
+    return np.concatenate([np.stack([a, b, a + 1], 1), np.stack([b, b + 1, a + 1], 1)])
+
+
+FACES = _faces(8, 4)
+VERTICES = 32
+
+
+def _track(body: Body, seed: int, frames: int = FRAMES, lead: int = LEAD) -> MotionTrack:
+    rng = np.random.default_rng(seed)
+    time = np.arange(lead + frames)[:, None, None] / 10.0
+    pose = rng.normal(0.0, 0.3, (1, 24, 3)) * np.sin(time + rng.uniform(0, 6, (1, 24, 3)))
+    root = np.cumsum(rng.normal(0.0, 0.01, (lead + frames, 3)), axis=0)
+    return MotionTrack.from_motion(body, pose[lead:], root[lead:], pose[:lead], root[:lead], 30.0)
+
+
+def _examples(body: Body, count: int) -> list[GarmentExample]:
+    """A tube about the hips whose hem follows the knees: learnable from the pose alone."""
+    angle, height = np.arange(VERTICES) // 4 * np.pi / 4, np.arange(VERTICES) % 4 / 3.0
+    tube = np.stack([0.25 * np.cos(angle), 0.1 - 0.5 * height, 0.25 * np.sin(angle)], axis=1)
+    examples = []
+    for seed in range(count):
+        track = _track(body, seed)
+        knees = track.joints[:, [4, 5]].mean(1) - track.joints[:, 0]
+        world = track.joints[:, None, 0] + tube + knees[:, None] * height[None, :, None] * [1.0, 0.0, 1.0]
+        examples.append(GarmentExample.from_world(track, world[LEAD:]))
+    return examples
+
+
+def _untrained(body: Body, variant: str, **overrides) -> Regressor:
+    torch.manual_seed(3)
+    examples = _examples(body, 3)
+    sizes = {**SMALL, **({"components": 20} if variant != "paper" else {})}
+    regressor = build_regressor(variant_config(variant, VERTICES, **{**sizes, **overrides}), FACES)
+    regressor.shape.fit(np.concatenate([e.vertices for e in examples]), np.random.default_rng(0))
+    regressor.set_feature_scaling(
+        np.concatenate([track_features(e.track, regressor.config.features) for e in examples])
+    )
+    return regressor.eval()
+
+
+@pytest.mark.parametrize(("variant", "window"), [("paper", 0), ("steady", 5), ("steady", 32)])
+def test_cached_decoding_equals_decoding_the_whole_prefix_again(body: Body, variant: str, window: int) -> None:
+    model = _untrained(body, variant, attention_window=window)
+    assert isinstance(model, SequenceRegressor)
+    features = torch.stack([model.features(_track(body, s)) for s in (5, 6)])
+    with torch.no_grad():
+        cached = model.unroll(features, LEAD)
+        memory, past = model.encode_motion(features, LEAD), model.first_token(features, LEAD)[:, None]
+        for _ in range(FRAMES):
+            codes = model.decode_all(memory, past, LEAD)
+            past = torch.cat([past, codes[:, -1:]], dim=1)
+    assert cached.std() > 1e-3
+    np.testing.assert_allclose(cached.numpy(), codes.numpy(), atol=1e-5)
+
+
+@pytest.mark.parametrize("variant", ["steady", "window"])
+def test_future_motion_does_not_change_earlier_frames(body: Body, variant: str) -> None:
+    model = _untrained(body, variant)
+    track = _track(body, 7)
+    changed = MotionTrack(track.pose.copy(), track.joints.copy(), LEAD, 30.0)
+    changed.pose[LEAD + 6 :] += 0.5
+    changed.joints[LEAD + 6 :] += 0.1
+    a, b = model.dress(track), model.dress(changed)
+    np.testing.assert_allclose(a[:6], b[:6], atol=1e-6)
+    assert np.abs(a[6:] - b[6:]).max() > 1e-5
+
+
+def test_window_and_steady_take_longer_sequences_than_they_were_trained_on(body: Body) -> None:
+    for variant in ("steady", "window"):
+        assert _untrained(body, variant).dress(_track(body, 8, frames=80)).shape == (80, VERTICES, 3)
+
+
+def test_principal_code_gives_the_same_loss_as_all_coordinates() -> None:
+    rng = np.random.default_rng(0)
+    low_rank = rng.normal(size=(40, 6)) @ rng.normal(size=(6, 3 * VERTICES)) * 0.05 + rng.normal(size=3 * VERTICES)
+    shapes = low_rank.reshape(40, VERTICES, 3).astype(np.float32)
+    losses = []
+    for components in (0, 6):
+        code = ShapeCode(VERTICES, components, FACES)
+        code.fit(shapes, np.random.default_rng(1))
+        codes = code.encode(torch.as_tensor(shapes))
+        np.testing.assert_allclose(code.decode(codes).numpy(), shapes, atol=1e-4)
+        losses.append([float(x) for x in code.errors(codes[:20] - codes[20:])])
+    np.testing.assert_allclose(losses[0], losses[1], rtol=1e-3)
+
+
+@pytest.mark.parametrize("variant", list(VARIANTS))
+def test_every_variant_learns_a_small_set_and_survives_its_file(body: Body, variant: str, tmp_path: Path) -> None:
+    examples = _examples(body, 4)
+    config = variant_config(
+        variant, VERTICES, **{**SMALL, "width": 32, "dropout": 0.0, "components": 20 if variant != "paper" else 0}
+    )
+    epochs = 40
+    settings = RegressorTraining(
+        TrainingSettings(epochs=epochs, learning_rate=5e-3, schedule="cosine", checkpoint_every=1000),
+        bos_epochs=15,
+        batch=24 if config.decoder == "window" else 2,
+        growth_every=1000,
+    )
+    model, log = fit_garment_regressor(examples, FACES, config, settings, tmp_path / "run", examples[:2])
+    truth = np.concatenate([e.vertices for e in examples])
+    still = np.sqrt(np.square(truth - truth.mean(0)).sum(-1).mean())
+    dressed = np.concatenate(model.dress_all([e.track for e in examples]))
+    assert np.sqrt(np.square(dressed - truth).sum(-1).mean()) < 0.5 * still
+    assert log.last("validation")["rmse_mm"] < 500.0 * still
+    save_regressor(tmp_path / "model.pt", model)
+    again = load_regressor(tmp_path / "model.pt")
+    assert again.config == model.config
+    np.testing.assert_array_equal(again.dress(examples[0].track), model.dress(examples[0].track))
+
+
+def test_start_token_is_frozen_after_its_own_training(body: Body, tmp_path: Path) -> None:
+    examples = _examples(body, 4)
+    config = variant_config("paper", VERTICES, **SMALL)
+    weights = []
+    for epochs in (1, 3):
+        settings = RegressorTraining(TrainingSettings(epochs=epochs), bos_epochs=3)
+        model, _ = fit_garment_regressor(examples, FACES, config, settings, tmp_path / str(epochs))
+        weights.append(model.bos[0].weight.detach().numpy())
+        decoder = model.garment_out.weight.detach().numpy()
+    np.testing.assert_array_equal(weights[0], weights[1])
+    torch.manual_seed(0)
+    assert np.abs(build_regressor(config, FACES).garment_out.weight.detach().numpy() - decoder).max() > 0.0
+
+
+def test_collision_tuning_moves_the_garment_out_of_the_body(body: Body, tmp_path: Path) -> None:
+    model = _untrained(body, "window")
+    tracks = [_track(body, s, frames=4) for s in range(20, 23)]
+    # A tube so narrow that it runs through the thighs.
+    model.shape.mean[:, [0, 2]] *= 0.55
+    settings = CollisionTuning(
+        TrainingSettings(epochs=15, learning_rate=3e-3), keep_weight=0.0, heavy_share=1.0, heavy_depth=1.0
+    )
+    report = fine_tune_collisions(model, tracks, body, settings, tmp_path)
+    assert report.inside_before > 0.05
+    assert report.inside_after < 0.5 * report.inside_before
+    assert report.moved > 1e-3
+
+
+def test_collision_tuning_says_when_every_motion_is_hopeless(body: Body, tmp_path: Path) -> None:
+    model = _untrained(body, "window")
+    model.shape.mean[:, [0, 2]] *= 0.2
+    with pytest.raises(ValueError, match="all 1 motions"):
+        fine_tune_collisions(model, [_track(body, 1)], body, CollisionTuning(heavy_share=0.0), tmp_path)
+
+
+def test_features_do_not_know_where_north_is_but_where_down_is(body: Body) -> None:
+    track = _track(body, 9)
+    turned = MotionTrack(track.pose.copy(), track.joints.copy(), LEAD, 30.0)
+    from geometry.rotations import axis_angle_to_matrix, matrix_to_axis_angle
+
+    for axis, same in (((0.0, 0.9, 0.0), True), ((0.9, 0.0, 0.0), False)):
+        rotation = axis_angle_to_matrix(np.array(axis))
+        turned.pose[:, 0] = matrix_to_axis_angle(rotation @ axis_angle_to_matrix(track.pose[:, 0]))
+        turned.joints[...] = track.joints @ rotation.T
+        difference = np.abs(track_features(turned, "motion") - track_features(track, "motion")).max()
+        assert (difference < 1e-4) == same
+
+
+def test_bad_input_is_named(body: Body) -> None:
+    with pytest.raises(ValueError, match="unknown regressor variant 'best'"):
+        variant_config("best", 10)
+    with pytest.raises(ValueError, match="must rise from 0"):
+        RegressorConfig(10, window_offsets=(1, 2))
+    with pytest.raises(ValueError, match=r"expected vertices \[12, V, 3\], got \[3, 5, 3\]"):
+        GarmentExample(_track(body, 0), np.zeros((3, 5, 3), dtype=np.float32))
