@@ -23,7 +23,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import dijkstra
 from scipy.sparse.linalg import spsolve
 
-from geometry.proximity import PosedSurface, SurfaceQuery
+from geometry.proximity import PosedSurface, SurfaceHits, SurfaceQuery
 from geometry.topology import MeshTopology
 
 TOUCH = 1.0e-5
@@ -100,6 +100,9 @@ class Refiner:
         body_faces: Outward oriented closed body surface, shape [F, 3].
         body_vertex_count: Number of body vertices B.
         settings: Weights.
+
+    Attributes:
+        horizon: Distance up to which the body's surface has to be known exactly [m].
     """
 
     def __init__(
@@ -111,6 +114,7 @@ class Refiner:
     ) -> None:
         self.settings = settings or RefinementSettings()
         self.body = SurfaceQuery(body_faces, body_vertex_count)
+        self.horizon = 4.0 * self.settings.clearance
         self.edges = topology.edges
         self.vertex_count = topology.vertex_count
         laplacian = topology.uniform_laplacian()
@@ -134,15 +138,17 @@ class Refiner:
         Returns:
             Refined garment, shape [V, 3] float32, and what was done. A frame without collision comes back unchanged.
         """
-        settings = self.settings
+        body = self.body.at(body_vertices)
+        return self.refine_hits(vertices, body, body.query(vertices, exact_within=self.horizon))
+
+    def refine_hits(self, vertices: np.ndarray, body: PosedSurface, hits: SurfaceHits) -> tuple[np.ndarray, FrameStats]:
+        """``refine_frame`` for a caller that has already asked ``body`` (with ``exact_within=horizon``)."""
+        settings, horizon = self.settings, self.horizon
         start = np.asarray(vertices, dtype=np.float64)
         if start.shape != (self.vertex_count, 3):
             raise ValueError(f"vertices: expected shape [{self.vertex_count}, 3], got {list(start.shape)}")
-        body = self.body.at(body_vertices)
-        # Distances are known up to this horizon; a vertex is outside until it has moved as far as its distance.
-        horizon = 4.0 * settings.clearance
-        hits = body.query(start, exact_within=horizon)
-        surface, normal, safe = hits.point, hits.normal, np.minimum(hits.distance, horizon) - TOUCH
+        # A vertex is outside until it has moved as far as its distance, which is known up to the horizon.
+        surface, normal, safe = hits.point.copy(), hits.normal.copy(), np.minimum(hits.distance, horizon) - TOUCH
         first_inside = int((hits.distance < 0.0).sum())
         inside = safe < 0.0
         target = np.zeros_like(start)

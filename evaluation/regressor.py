@@ -1,0 +1,196 @@
+"""Rows of the garment regressor table: every method on every split, before and after refinement.
+
+In: simulated test sequences of one garment and predictors (learned networks and baselines alike) as callables
+``sequence -> vertices in the world [m], [T, V, 3]``. Out: one row a split and method. A figure is computed for each
+sequence and then averaged over sequences; deepest penetrations are maxima. Body contact, Hausdorff distance and
+refinement look at every ``frames_stride``-th frame, everything else at all frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from collections.abc import Sequence as Many
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from body.model import Body
+from datasets.sequences import Sequence
+from evaluation.metrics import (
+    COLLISION_MARGIN,
+    bend,
+    edge_deviation,
+    hausdorff,
+    kg_error,
+    mean_vertex_error,
+    nearest_vertex_collision_rate,
+    normal_cosine_distance,
+    rmse,
+)
+from evaluation.sted import Sted, StedParameters
+from evaluation.table import Row
+from garments.template import GarmentTemplate
+from models.refinement import RefinementSettings, Refiner
+
+Predictor = Callable[[Sequence], np.ndarray]
+
+
+@dataclass(frozen=True)
+class RegressorEvaluation:
+    """How to evaluate.
+
+    Attributes:
+        frames_stride: Every how many frames the costly figures are taken.
+        refinement: Weights of the refinement.
+        sted: Parameters of STED; they stand in every row.
+    """
+
+    frames_stride: int = 4
+    refinement: RefinementSettings = field(default_factory=RefinementSettings)
+    sted: StedParameters = field(default_factory=StedParameters)
+
+
+def regressor_rows(
+    sequences: Many[Sequence],
+    predictors: Mapping[str, Predictor],
+    body: Body,
+    template: GarmentTemplate,
+    settings: RegressorEvaluation | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> list[Row]:
+    """Evaluate all predictors on all sequences.
+
+    Args:
+        sequences: Test sequences of the template's garment, of any splits.
+        predictors: Methods by name, in table order. ``lambda s: s.vertices`` adds the simulation itself.
+        body: The body that the sequences were simulated on.
+        template: The garment.
+        settings: Strides and weights.
+        progress: Called with 1 after each sequence and method.
+
+    Returns:
+        Rows, split by split in order of first appearance.
+
+    Raises:
+        ValueError: A sequence of another garment, or a prediction of a wrong shape or with values that are not finite.
+    """
+    figures = _Figures(body, template, settings or RegressorEvaluation())
+    collected: dict[tuple[str, str], list[dict[str, float]]] = {
+        (split, method): [] for split in dict.fromkeys(s.split for s in sequences) for method in predictors
+    }
+    for sequence in sequences:
+        if sequence.garment != template.name:
+            raise ValueError(f"evaluation of garment '{template.name}': got a sequence of '{sequence.garment}'")
+        body_vertices = body.posed(sequence.pose, sequence.root)
+        for method, predict in predictors.items():
+            predicted = np.asarray(predict(sequence), dtype=np.float32)
+            _check(predicted, sequence, method)
+            collected[sequence.split, method].append(figures.of(predicted, sequence.vertices, body_vertices))
+            if progress is not None:
+                progress(1)
+    return [
+        figures.row(template.name, split, method, values) for (split, method), values in collected.items() if values
+    ]
+
+
+class _Figures:
+    """Everything that is computed once a garment and used for every sequence."""
+
+    def __init__(self, body: Body, template: GarmentTemplate, settings: RegressorEvaluation) -> None:
+        self.settings, self.template, self.body = settings, template, body
+        self.sted = Sted(template.topology, settings.sted)
+        self.refiner = Refiner(template.topology, body.faces, len(body.vertices), settings.refinement)
+
+    def of(self, predicted: np.ndarray, truth: np.ndarray, body_vertices: np.ndarray) -> dict[str, float]:
+        """Figures of one predicted sequence, lengths in millimetres and shares in percent."""
+        topology, stride = self.template.topology, self.settings.frames_stride
+        sted = self.sted.compare(predicted, truth)
+        plain = {
+            "frames": len(truth),
+            "rmse_mm": 1e3 * rmse(predicted, truth),
+            "mean_vertex_mm": 1e3 * mean_vertex_error(predicted, truth),
+            "hausdorff_mm": 1e3 * hausdorff(predicted, truth, stride),
+            "sted": sted.sted,
+            "sted_spatial": sted.spatial,
+            "sted_temporal": sted.temporal,
+            "kg_error_percent": kg_error(predicted, truth),
+            "normal_cosine": normal_cosine_distance(predicted, truth, topology.faces),
+            "edge_mm": 1e3 * edge_deviation(predicted, self.template.vertices, topology.edges),
+            "bend": bend(predicted, topology),
+            "collision_rate_vertex_percent": 100.0
+            * nearest_vertex_collision_rate(predicted, body_vertices, self.body.faces, stride),
+        }
+        return plain | self._contact(predicted[::stride], truth[::stride], body_vertices[::stride])
+
+    def _contact(self, predicted: np.ndarray, truth: np.ndarray, body_vertices: np.ndarray) -> dict[str, float]:
+        """Collision figures before and after refinement, and the refined garment's error, of all given frames."""
+        before, after = _Contact(), _Contact()
+        refined = np.empty_like(predicted)
+        moved, projected, touched = 0.0, 0, 0
+        for t, vertices in enumerate(predicted):
+            body = self.refiner.body.at(body_vertices[t])
+            hits = body.query(vertices, exact_within=self.refiner.horizon)
+            before.add(hits.distance)
+            refined[t], stats = self.refiner.refine_hits(vertices, body, hits)
+            distance = hits.distance.copy()
+            # Only a vertex whose move could have used up its distance is asked again.
+            change = np.linalg.norm(refined[t] - vertices, axis=1)
+            ask = np.nonzero(np.minimum(distance, self.refiner.horizon) - change < COLLISION_MARGIN)[0]
+            ask = ask[change[ask] > 0.0]
+            if len(ask):
+                distance[ask] = body.query(refined[t][ask], exact_within=2 * COLLISION_MARGIN).distance
+            after.add(distance)
+            moved = max(moved, stats.largest_move)
+            projected += stats.projected
+            touched += stats.inside
+        return {
+            **before.figures(""),
+            **after.figures("refined_"),
+            "refined_rmse_mm": 1e3 * rmse(refined, truth),
+            "refinement_largest_move_mm": 1e3 * moved,
+            "refinement_projected_percent": 100.0 * projected / max(touched, 1),
+        }
+
+    def row(self, garment: str, split: str, method: str, values: list[dict[str, float]]) -> Row:
+        """One table row: means over sequences, maxima of the deepest penetrations and moves."""
+        row: Row = {"garment": garment, "split": split, "method": method, "sequences": len(values)}
+        for name in values[0]:
+            column = [v[name] for v in values]
+            if name == "frames":
+                row[name] = int(sum(column))
+            elif "deepest" in name or "largest" in name:
+                row[name] = float(max(column))
+            else:
+                row[name] = float(np.mean(column))
+        return row | {"sted_parameters": self.sted.parameters.label, "frames_stride": self.settings.frames_stride}
+
+
+class _Contact:
+    """Counts of signed distances over frames."""
+
+    def __init__(self) -> None:
+        self.count = self.below = self.near = 0
+        self.deepest = 0.0
+
+    def add(self, distance: np.ndarray) -> None:
+        self.count += len(distance)
+        self.below += int((distance < 0.0).sum())
+        self.near += int((distance < COLLISION_MARGIN).sum())
+        self.deepest = max(self.deepest, -float(distance.min()))
+
+    def figures(self, prefix: str) -> dict[str, float]:
+        return {
+            f"{prefix}collision_rate_percent": 100.0 * self.below / self.count,
+            f"{prefix}collision_rate_{1e3 * COLLISION_MARGIN:g}mm_percent": 100.0 * self.near / self.count,
+            f"{prefix}deepest_mm": 1e3 * self.deepest,
+        }
+
+
+def _check(predicted: np.ndarray, sequence: Sequence, method: str) -> None:
+    if predicted.shape != sequence.vertices.shape:
+        raise ValueError(
+            f"method '{method}' on clip {sequence.clip}: expected vertices {list(sequence.vertices.shape)}, "
+            f"got {list(predicted.shape)}"
+        )
+    if not np.isfinite(predicted).all():
+        raise ValueError(f"method '{method}' on clip {sequence.clip}: the prediction has values that are not finite")
