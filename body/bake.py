@@ -23,6 +23,7 @@ from body.model import DATA_FOLDER, Body
 from body.skeleton import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LEFT_RIGHT_PAIRS, PARENTS
 from body.surface import closed_surface_faults, self_intersecting_faces
 from geometry.rotations import axis_angle_to_matrix
+from geometry.topology import MeshTopology
 
 TOPOLOGY = "notoes"  # 12,272 vertices, closed, left-right symmetric, no separate toes
 VERTEX_COUNTS = {"full": 6890, "small": 1229}
@@ -85,6 +86,11 @@ HEAD_OF_JOINT = {
 }
 PELVIS_HEIGHT = 0.9  # SMPL's pelvis joint lies above the hips: as a share of the way to the next spine bone
 
+# MakeHuman's weights change within a few centimetres at the ball joints, which creases raised and lowered arms. So they
+# are spread around these joints, fully up to half the radius [m] and not at all beyond it.
+SMOOTHED_JOINTS = {"shoulder": 0.24, "hip": 0.24}
+SMOOTHING_STEPS = 30
+
 LEG_SPREAD = np.radians(2.0)  # SMPL's zero pose: ankle slightly further out than the hip
 # Cost factors of removing a vertex: no garment covers the face and the hands, so they may be coarser than the rest.
 IMPORTANCE = {"head": 0.15, "left_hand": 0.1, "right_hand": 0.1, "left_wrist": 0.2, "right_wrist": 0.2}
@@ -100,6 +106,7 @@ def bake(name: str) -> dict[str, np.ndarray]:
     for joint, value in IMPORTANCE.items():
         importance += weights[:, JOINT_INDEX[joint]] * (value - 1.0)
     kept, faces = decimate(centre, source.faces, VERTEX_COUNTS[name], importance, mirror_image(centre))
+    weights = smoothed_near_joints(weights, centre, source.faces, centre_joints)
     centre, basis, weights = centre[kept], basis[kept], weights[kept]
     index, weight = heaviest(weights, WEIGHTS_PER_VERTEX)
     body = Body(
@@ -217,6 +224,22 @@ def joint_weights(names: list[str], parents: list[int], bone_weights: np.ndarray
         assigned.append(joint)
         weights[:, joint] += bone_weights[:, bone]
     return weights / weights.sum(axis=1, keepdims=True)
+
+
+def smoothed_near_joints(
+    weights: np.ndarray, vertices: np.ndarray, faces: np.ndarray, joints: np.ndarray
+) -> np.ndarray:
+    """Weights diffused over the surface around the ball joints, shape [V, 24]; they still sum to one."""
+    closeness = np.zeros(len(vertices))
+    for joint, name in enumerate(JOINT_NAMES):
+        radius = SMOOTHED_JOINTS.get(side_and_part(name)[1])
+        if radius:
+            distance = np.linalg.norm(vertices - joints[joint], axis=1)
+            closeness = np.maximum(closeness, np.clip(2.0 * (1.0 - distance / radius), 0.0, 1.0))
+    laplacian = MeshTopology.from_faces(faces, len(vertices)).uniform_laplacian()
+    for _ in range(SMOOTHING_STEPS):
+        weights = weights - 0.5 * closeness[:, None] * (laplacian @ weights)
+    return weights
 
 
 def heaviest(weights: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
