@@ -54,9 +54,9 @@ class TrainingSettings:
         warmup_steps: Optimizer steps over which the learning rate rises from zero.
         gradient_clip: Largest norm of the gradient of all parameters; 0 = no clipping.
         precision: Of the matrix products in training steps: "float32"; "high" (oneDNN, on the CPU 2 times as fast and
-            still float32 where there is no TF32); "medium" (factors rounded to bfloat16, sums and all else float32; 4 to
-            5 times as fast on a CPU with bfloat16 instructions); "bfloat16" (autocast of the loss function). Validation
-            and the finished model always compute in float32.
+            still float32 where there is no TF32); "medium" (factors rounded to bfloat16, sums and all else float32;
+            4 to 5 times as fast on a CPU with bfloat16 instructions); "bfloat16" (autocast of the loss function).
+            Validation and the finished model always compute in float32.
         checkpoint_every: Epochs between checkpoints.
         validate_every: Epochs between validations; the last epoch is always validated.
         seed: Of weights, dropout and batches.
@@ -286,7 +286,7 @@ def _make_optimizer(parameters: list[nn.Parameter], settings: TrainingSettings) 
         raise ValueError("training: the module has no parameters to train")
     rate, decay = settings.learning_rate, settings.weight_decay
     if settings.optimizer == "adam":
-        return torch.optim.AdamW(parameters, lr=rate, weight_decay=decay)
+        return torch.optim.AdamW(parameters, lr=rate, weight_decay=decay, fused=True)
     if settings.optimizer == "sgd":
         return torch.optim.SGD(parameters, lr=rate, momentum=settings.momentum, weight_decay=decay)
     return torch.optim.RMSprop(parameters, lr=rate, momentum=settings.momentum, weight_decay=decay)
