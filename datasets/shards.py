@@ -191,7 +191,9 @@ def read_sequences(path: str | os.PathLike) -> Iterator[SimulatedSequence]:
     with _open(path) as file:
         names = [n.decode() for n in file["parameters/names"][:]]
         for group in file["sequences"].values() if "sequences" in file else ():
-            quality = {k.removeprefix("quality_"): _plain(v) for k, v in group.attrs.items() if k.startswith("quality_")}
+            quality = {
+                k.removeprefix("quality_"): _plain(v) for k, v in group.attrs.items() if k.startswith("quality_")
+            }
             yield SimulatedSequence(
                 clip=group.attrs["clip"],
                 take=group.attrs["take"],

@@ -91,6 +91,7 @@ def check_config(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
     _check_parameters(config, layers)
     _check_garments(config, layers)
     _check_motions(config, layers)
+    _check_data(config, layers)
     _check_models(config, layers)
 
 
@@ -163,16 +164,28 @@ def _check_motions(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
             f"found {rule} with {takes} takes",
             f"at most {takes}, or no motion is held out",
         )
-    if config["data"]["materials"]["samples"] < config["data"]["splits"]["parameters_every"]:
-        raise _error(
-            layers,
-            ("data", "materials", "samples"),
-            f"found {config['data']['materials']['samples']}",
-            f"at least parameters_every = {config['data']['splits']['parameters_every']}, or no set is held out",
-        )
+
+
+def _check_data(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
+    materials, every = config["data"]["materials"], config["data"]["splits"]["parameters_every"]
+    key, found = ("data", "materials", "samples"), f"found {materials['samples']}"
+    if materials["samples"] < every:
+        raise _error(layers, key, found, f"at least parameters_every = {every}, or no set is held out")
+    size = materials["samples_per_shard"]
+    if materials["samples"] % size:
+        # A shard that is not full would change when samples are added, and be simulated again.
+        raise _error(layers, key, found, f"allowed are multiples of samples_per_shard = {size}")
 
 
 def _check_models(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
+    for model, settings in config["models"].items():
+        if "use" in settings and settings["use"] not in settings["variants"]:
+            raise _error(
+                layers,
+                ("models", model, "use"),
+                f"found {settings['use']!r}",
+                f"allowed are the variants that are configured: {', '.join(settings['variants'])}",
+            )
     cvae = config["models"]["motion_cvae"]
     if cvae["width"] % cvae["heads"]:
         raise _error(

@@ -5,8 +5,6 @@ In: the planned clips and their source. Out: an HDF5 file of clips.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from body.model import Body
 from motions.clip_file import write_clips
 from pipeline.progress import Progress

@@ -11,6 +11,7 @@ Two plans per garment (the papers need both kinds of data):
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +44,8 @@ class PlannedClip:
 
 def plan_clips(motions: Mapping[str, Any]) -> list[PlannedClip]:
     """All clips of a run, in order; ``ValueError`` for unknown labels or an unusable folder."""
-    return _plan_procedural(motions) if motions["source"] == "procedural" else _plan_bvh(motions)
+    planned = _plan_procedural(motions) if motions["source"] == "procedural" else _plan_bvh(motions)
+    return planned[: motions["max_clips"]]
 
 
 def motion_labels(motions: Mapping[str, Any]) -> list[str]:
@@ -72,7 +74,7 @@ def _plan_bvh(motions: Mapping[str, Any]) -> list[PlannedClip]:
     if not settings["folder"]:
         raise ValueError("no folder is given; name the folder that holds the BVH files and their labels.csv")
     takes = list_takes(Path(settings["folder"]), settings["labels"])
-    takes = _interleaved_by_label(takes)
+    takes = _interleaved_by_label(takes, settings["takes_per_label"])
     windows = {t.file: t.clip_count(motions["frames"], motions["fps"]) for t in takes}
     planned = []
     # Window by window, so that the first clips show as many takes and labels as there are.
@@ -81,7 +83,6 @@ def _plan_bvh(motions: Mapping[str, Any]) -> list[PlannedClip]:
             if part < windows[take.file]:
                 name = f"{Path(take.file).stem}_{part:03d}"
                 planned.append(PlannedClip(len(planned), name, take.label, take.file, number, part))
-    planned = planned[: settings["max_clips"]]
     if not planned:
         raise ValueError(f"{settings['folder']}: no recording is as long as one clip of {motions['frames']} frames")
     names = [clip.name for clip in planned]
@@ -91,11 +92,14 @@ def _plan_bvh(motions: Mapping[str, Any]) -> list[PlannedClip]:
     return planned
 
 
-def _interleaved_by_label(takes: list) -> list:
-    """One take of every label, then the second of every label, and so on."""
+def _interleaved_by_label(takes: list, least: int) -> list:
+    """One take of every label that has at least ``least``, then the second of every label, and so on."""
+    counts = Counter(take.label for take in takes)
     rank: dict[str, int] = {}
     keyed = []
     for position, take in enumerate(takes):
+        if counts[take.label] < least:
+            continue
         rank[take.label] = rank.get(take.label, -1) + 1
         keyed.append((rank[take.label], position, take))
     return [take for _, _, take in sorted(keyed, key=lambda k: k[:2])]

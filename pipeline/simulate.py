@@ -24,7 +24,7 @@ from pipeline.stage import Job, run_stage
 from sim.parameters import INTRINSIC_PARAMETERS, base_parameters, sample_parameters
 from sim.result import SimulationResult
 from sim.settings import SimulationSettings
-from sim.simulate import SOLVER_VERSION, simulate_clip
+from sim.simulate import SOLVER_VERSION, Simulator
 
 
 def main(job: Job) -> None:
@@ -35,6 +35,7 @@ def main(job: Job) -> None:
     clips = {clip.name: clip for path in job.inputs[1:] for clip in read_clips(path)}
     solver = spec["solver"]
     settings = SimulationSettings(fps=spec["fps"], device=job.device, settle_seconds=solver["settle"])
+    simulator = Simulator(template, body, settings)
     base = base_parameters(spec["base"])
     ranges = {name: tuple(ends) for name, ends in spec.get("ranges", {}).items()}
 
@@ -45,9 +46,7 @@ def main(job: Job) -> None:
             clip = clips[clip_name]
             parameters = sample_parameters(base, ranges, spec["seed"], spec["garment"], phi)
             lead_pose, lead_root = lead_in(clip, body, spec["lead_in"])
-            result, used, attempts = simulate_within_bounds(
-                template, body, clip, lead_pose, lead_root, parameters, settings, solver
-            )
+            result, used, attempts = simulate_within_bounds(simulator, clip, lead_pose, lead_root, parameters, solver)
             if result.failure is not None:
                 print(f"[simulate] dropped {spec['garment']} set {phi} on {clip_name}: {result.failure}", flush=True)
                 shard.drop(DroppedSimulation(clip_name, clip.label, phi, result.failure, attempts))
@@ -75,13 +74,11 @@ def main(job: Job) -> None:
 
 
 def simulate_within_bounds(
-    template: GarmentTemplate,
-    body: Body,
+    simulator: Simulator,
     clip: Clip,
     lead_pose: np.ndarray,
     lead_root: np.ndarray,
     parameters: Mapping[str, float],
-    settings: SimulationSettings,
     solver: Mapping[str, Any],
 ) -> tuple[SimulationResult, dict[str, float], int]:
     """Simulate a clip, with more substeps at every further attempt, until the result is inside the bounds.
@@ -93,9 +90,9 @@ def simulate_within_bounds(
     pose, root = np.concatenate([lead_pose, clip.pose]), np.concatenate([lead_root, clip.root])
     used = dict(parameters)
     for attempt in range(1, solver["attempts"] + 1):
-        result = simulate_clip(template, body, pose, root, len(lead_pose), used, settings)
+        result = simulator.run(pose, root, len(lead_pose), used)
         if result.failure is None:
-            result.failure = out_of_bounds(result.quality, solver["bounds"], len(template.vertices))
+            result.failure = out_of_bounds(result.quality, solver["bounds"], len(simulator.template.vertices))
         if result.failure is None or attempt == solver["attempts"]:
             break
         used["substeps"] = float(round(used["substeps"] * solver["substeps_factor"]))

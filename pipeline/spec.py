@@ -11,8 +11,9 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from datasets.splits import SplitRule
 from pipeline.config import base_overrides
-from pipeline.plan import batch_clips, motion_labels, shard_plan, shard_simulations
+from pipeline.plan import batch_clips, motion_labels, plan_clips, shard_plan, shard_simulations
 
 Config = Mapping[str, Any]
 MATERIAL_KEYS = ("base", "ranges")
@@ -73,33 +74,52 @@ def simulate_spec(config: Config, garment: str, shard: str) -> str:
     return canonical(spec)
 
 
+def train_spec(config: Config, model: str, garment: str = "", variant: str = "") -> str:
+    """A trained variant of a garment's model, or a model of the motions where no garment is named."""
+    settings = dict(config["models"][model])
+    spec = _learning(config)
+    if garment:
+        spec |= {"garment": garment, "variant": variant, "model": settings["variants"][variant]}
+    else:
+        spec |= _labels(config) | {"model": settings}
+    if model == "motion_invariant":
+        spec["window"] = settings["window"]
+    return canonical(spec)
+
+
+def fine_tune_spec(config: Config, garment: str) -> str:
+    """The collision fine-tuning of a garment's regressor."""
+    spec = _learning(config) | {"garment": garment, "model": config["models"]["garment_regressor"]["fine_tuning"]}
+    spec |= {name: config["motions"][name] for name in ("frames", "fps", "lead_in")}
+    return canonical(spec | {"labels": motion_labels(config["motions"])})
+
+
+def evaluate_spec(config: Config, garment: str = "", model: str = "") -> str:
+    """An evaluation: the split, the settings of the metrics and the names of the variants."""
+    spec = _learning(config) | {"evaluation": config["evaluation"], "refinement": config["models"]["refinement"]}
+    if not garment:
+        return canonical(spec | _labels(config) | {name: config["motions"][name] for name in ("frames", "fps")})
+    settings = config["models"][model]
+    spec |= {"garment": garment, "use": settings["use"], "variants": list(settings["variants"])}
+    if model == "motion_invariant":
+        spec["window"] = settings["window"]
+    return canonical(spec)
+
+
+def garment_name_spec(garment: str) -> str:
+    """Of a stage that needs no more than the name of its garment."""
+    return canonical({"garment": garment})
+
+
 def _learning(config: Config) -> dict:
-    return {
-        "seed": config["seed"],
-        "body": config["body"],
-        "splits": config["data"]["splits"],
-    }
+    return {"seed": config["seed"], "body": config["body"], "splits": config["data"]["splits"]}
 
 
-def train_spec(config: Config, model: str, garment: str = "") -> str:
-    """A trained model of a garment, or of the motions where no garment is named."""
-    spec = _learning(config) | {"garment": garment, "model": config["models"][model]}
-    if model in ("recognition", "motion_cvae", "garment_regressor"):
-        spec["labels"] = motion_labels(config["motions"])
-        spec["frames"] = config["motions"]["frames"]
-    return canonical(spec)
-
-
-def evaluate_spec(config: Config, garment: str = "") -> str:
-    """An evaluation: the split, the settings of the metrics and, for the networks that need them, their settings."""
-    spec = _learning(config) | {"garment": garment, "evaluation": config["evaluation"]}
-    spec |= {
-        "labels": motion_labels(config["motions"]),
-        "refinement": config["models"]["refinement"],
-        "frames": config["motions"]["frames"],
-        "fps": config["motions"]["fps"],
-    }
-    return canonical(spec)
+def _labels(config: Config) -> dict:
+    """The labels in the networks' numbering, and the clips that are held out."""
+    rule = SplitRule(**config["data"]["splits"])
+    held_out = [c.name for c in plan_clips(config["motions"]) if rule.holds_out_take(c.take_index)]
+    return {"labels": motion_labels(config["motions"]), "held_out_clips": held_out}
 
 
 def timing_spec(config: Config, garment: str) -> str:

@@ -56,10 +56,10 @@ rule simulate:
         f"{RESULTS}/logs/simulate/{{garment}}_{{shard}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/simulate/{{garment}}_{{shard}}.tsv"
-    params:
-        spec=lambda w: spec.simulate_spec(config, w.garment, w.shard),
     resources:
         device=DEVICE,
+    params:
+        spec=lambda w: spec.simulate_spec(config, w.garment, w.shard),
     shell:
         "python -m pipeline.simulate --spec {params.spec:q} --out {output} --in {input.template} {input.motions}"
         " --device {resources.device} 2>&1 | tee {log}"

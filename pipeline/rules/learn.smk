@@ -1,128 +1,187 @@
 # The papers' networks, in their order: shape descriptor, motion-invariant autoencoder (Wang 2019), motion CVAE and
-# garment regressor (Shi 2023). The recognition network is the judge of generated motions.
+# garment regressor (Shi 2023). The recognition network is the judge of generated motions. Each variant is trained of
+# its own; the evaluation shows them all, and later stages use the one that the config names.
 # Training checkpoints lie beside the declared outputs, so that a killed job continues where it was.
+
+
+def model_file(model, variant=None):
+    """Path of a garment's trained model, of the variant in use where none is named."""
+    return f"{RESULTS}/models/{{garment}}/{model}/{variant or config['models'][model]['use']}.pt"
+
+
+def model_files(model):
+    """Paths of all variants of a garment's model, in the order of the config."""
+    return [model_file(model, variant) for variant in config["models"][model]["variants"]]
 
 
 rule train_shape_descriptor:
     input:
         shards=shards,
         template=f"{RESULTS}/garments/{{garment}}.npz",
-        code=code("models/training.py", "models/shape_descriptor.py", "models/shape_code.py", "datasets", "pipeline/train_shape_descriptor.py"),
+        code=code(
+            "models/shape_descriptor.py",
+            "models/pca.py",
+            "models/training.py",
+            "datasets",
+            "pipeline/learning.py",
+            "pipeline/train_shape_descriptor.py",
+        ),
     output:
-        model=f"{RESULTS}/models/{{garment}}/shape_descriptor.pt",
-        losses=f"{RESULTS}/training/{{garment}}/shape_descriptor/losses.csv",
+        model=f"{RESULTS}/models/{{garment}}/shape_descriptor/{{variant}}.pt",
+        losses=f"{RESULTS}/training/{{garment}}/shape_descriptor/{{variant}}/losses.csv",
     log:
-        f"{RESULTS}/logs/train/{{garment}}_shape_descriptor.log",
+        f"{RESULTS}/logs/train_shape_descriptor/{{garment}}_shape_descriptor_{{variant}}.log",
     benchmark:
-        f"{RESULTS}/benchmarks/train/{{garment}}_shape_descriptor.tsv"
-    params:
-        spec=lambda w: spec.train_spec(config, "shape_descriptor", w.garment),
+        f"{RESULTS}/benchmarks/train_shape_descriptor/{{garment}}_shape_descriptor_{{variant}}.tsv"
     priority: 40
     threads: THREADS
     resources:
         device=DEVICE,
+    params:
+        spec=lambda w: spec.train_spec(config, "shape_descriptor", w.garment, w.variant),
     shell:
-        "python -m pipeline.train_shape_descriptor --spec {params.spec:q} --out {output} --in {input.template}"
-        " {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+        "python -m pipeline.train_shape_descriptor --spec {params.spec:q} --out {output}"
+        " --in {input.template} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
 rule train_motion_invariant:
     input:
         shards=shards,
-        descriptor=f"{RESULTS}/models/{{garment}}/shape_descriptor.pt",
-        code=code("models/training.py", "models/motion_invariant.py", "datasets", "pipeline/train_motion_invariant.py"),
+        descriptor=model_file("shape_descriptor"),
+        code=code(
+            "models/motion_invariant.py",
+            "models/training.py",
+            "datasets",
+            "pipeline/learning.py",
+            "pipeline/train_motion_invariant.py",
+        ),
     output:
-        model=f"{RESULTS}/models/{{garment}}/motion_invariant.pt",
-        losses=f"{RESULTS}/training/{{garment}}/motion_invariant/losses.csv",
+        model=f"{RESULTS}/models/{{garment}}/motion_invariant/{{variant}}.pt",
+        losses=f"{RESULTS}/training/{{garment}}/motion_invariant/{{variant}}/losses.csv",
     log:
-        f"{RESULTS}/logs/train/{{garment}}_motion_invariant.log",
+        f"{RESULTS}/logs/train_motion_invariant/{{garment}}_motion_invariant_{{variant}}.log",
     benchmark:
-        f"{RESULTS}/benchmarks/train/{{garment}}_motion_invariant.tsv"
-    params:
-        spec=lambda w: spec.train_spec(config, "motion_invariant", w.garment),
+        f"{RESULTS}/benchmarks/train_motion_invariant/{{garment}}_motion_invariant_{{variant}}.tsv"
     priority: 30
     threads: THREADS
     resources:
         device=DEVICE,
+    params:
+        spec=lambda w: spec.train_spec(config, "motion_invariant", w.garment, w.variant),
     shell:
-        "python -m pipeline.train_motion_invariant --spec {params.spec:q} --out {output} --in {input.descriptor}"
-        " {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+        "python -m pipeline.train_motion_invariant --spec {params.spec:q} --out {output}"
+        " --in {input.descriptor} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
 rule train_recognition:
     input:
         motions=batches(),
-        code=code("models/training.py", "models/recognition.py", "pipeline/train_recognition.py"),
+        code=code(
+            "models/recognition.py", "models/motion_fitting.py", "models/training.py", "pipeline/train_recognition.py"
+        ),
     output:
         model=f"{RESULTS}/models/motion/recognition.pt",
         losses=f"{RESULTS}/training/motion/recognition/losses.csv",
     log:
-        f"{RESULTS}/logs/train/recognition.log",
+        f"{RESULTS}/logs/train_recognition/recognition.log",
     benchmark:
-        f"{RESULTS}/benchmarks/train/recognition.tsv"
-    params:
-        spec=spec.train_spec(config, "recognition"),
-    priority: 10
+        f"{RESULTS}/benchmarks/train_recognition/recognition.tsv"
+    priority: 20
     threads: THREADS
     resources:
         device=DEVICE,
+    params:
+        spec=spec.train_spec(config, "recognition"),
     shell:
-        "python -m pipeline.train_recognition --spec {params.spec:q} --out {output} --in {input.motions}"
-        " --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+        "python -m pipeline.train_recognition --spec {params.spec:q} --out {output}"
+        " --in {input.motions} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
 rule train_motion_cvae:
     input:
         motions=batches(),
-        code=code("models/training.py", "models/motion_cvae.py", "models/transformer.py", "models/body_layer.py", "pipeline/train_motion_cvae.py"),
+        code=code(
+            "models/motion_cvae.py",
+            "models/motion_fitting.py",
+            "models/transformer.py",
+            "models/body_layer.py",
+            "models/training.py",
+            "pipeline/train_motion_cvae.py",
+        ),
     output:
         model=f"{RESULTS}/models/motion/motion_cvae.pt",
         losses=f"{RESULTS}/training/motion/motion_cvae/losses.csv",
     log:
-        f"{RESULTS}/logs/train/motion_cvae.log",
+        f"{RESULTS}/logs/train_motion_cvae/motion_cvae.log",
     benchmark:
-        f"{RESULTS}/benchmarks/train/motion_cvae.tsv"
-    params:
-        spec=spec.train_spec(config, "motion_cvae"),
+        f"{RESULTS}/benchmarks/train_motion_cvae/motion_cvae.tsv"
     priority: 20
     threads: THREADS
     resources:
         device=DEVICE,
+    params:
+        spec=spec.train_spec(config, "motion_cvae"),
     shell:
-        "python -m pipeline.train_motion_cvae --spec {params.spec:q} --out {output} --in {input.motions}"
-        " --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+        "python -m pipeline.train_motion_cvae --spec {params.spec:q} --out {output}"
+        " --in {input.motions} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
 rule train_garment_regressor:
     input:
         shards=shards,
         template=f"{RESULTS}/garments/{{garment}}.npz",
-        cvae=f"{RESULTS}/models/motion/motion_cvae.pt",
-        code=code("models", "datasets", "pipeline/train_garment_regressor.py"),
+        code=code("models", "datasets", "pipeline/learning.py", "pipeline/train_garment_regressor.py"),
     output:
-        model=f"{RESULTS}/models/{{garment}}/garment_regressor.pt",
-        losses=f"{RESULTS}/training/{{garment}}/garment_regressor/losses.csv",
+        model=f"{RESULTS}/models/{{garment}}/garment_regressor/{{variant}}.pt",
+        losses=f"{RESULTS}/training/{{garment}}/garment_regressor/{{variant}}/losses.csv",
     log:
-        f"{RESULTS}/logs/train/{{garment}}_garment_regressor.log",
+        f"{RESULTS}/logs/train_garment_regressor/{{garment}}_garment_regressor_{{variant}}.log",
     benchmark:
-        f"{RESULTS}/benchmarks/train/{{garment}}_garment_regressor.tsv"
-    params:
-        spec=lambda w: spec.train_spec(config, "garment_regressor", w.garment),
+        f"{RESULTS}/benchmarks/train_garment_regressor/{{garment}}_garment_regressor_{{variant}}.tsv"
     priority: 10
     threads: THREADS
     resources:
         device=DEVICE,
+    params:
+        spec=lambda w: spec.train_spec(config, "garment_regressor", w.garment, w.variant),
     shell:
-        "python -m pipeline.train_garment_regressor --spec {params.spec:q} --out {output} --in {input.template}"
-        " {input.cvae} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+        "python -m pipeline.train_garment_regressor --spec {params.spec:q} --out {output}"
+        " --in {input.template} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+
+
+# Shi 2023, section 3.4: without ground truth, on motions that the CVAE invents, so the CVAE comes before it.
+rule fine_tune_regressor:
+    input:
+        regressor=model_file("garment_regressor"),
+        cvae=f"{RESULTS}/models/motion/motion_cvae.pt",
+        template=f"{RESULTS}/garments/{{garment}}.npz",
+        code=code("models", "motions/grounding.py", "pipeline/learning.py", "pipeline/fine_tune_regressor.py"),
+    output:
+        model=f"{RESULTS}/models/{{garment}}/garment_regressor/fine_tuned.pt",
+        table=f"{RESULTS}/parts/collision_tuning/{{garment}}.csv",
+    log:
+        f"{RESULTS}/logs/fine_tune_regressor/{{garment}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/fine_tune_regressor/{{garment}}.tsv"
+    priority: 10
+    threads: THREADS
+    resources:
+        device=DEVICE,
+    params:
+        spec=lambda w: spec.fine_tune_spec(config, w.garment),
+    shell:
+        "python -m pipeline.fine_tune_regressor --spec {params.spec:q} --out {output} --in {input.template} {input.cvae}"
+        " {input.regressor} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
 rule models:
     input:
-        expand(
-            f"{RESULTS}/models/{{garment}}/{{model}}.pt",
-            garment=GARMENTS,
-            model=["shape_descriptor", "motion_invariant", "garment_regressor"],
-        ),
+        [
+            path.format(garment=garment)
+            for garment in GARMENTS
+            for model in ("shape_descriptor", "motion_invariant", "garment_regressor")
+            for path in model_files(model)
+        ],
+        expand(f"{RESULTS}/models/{{garment}}/garment_regressor/fine_tuned.pt", garment=GARMENTS),
         f"{RESULTS}/models/motion/motion_cvae.pt",
         f"{RESULTS}/models/motion/recognition.pt",

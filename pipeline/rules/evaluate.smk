@@ -1,0 +1,203 @@
+# Tables: each evaluation writes its own part for one garment; `tables` lays the parts of a table together.
+
+
+def part(table):
+    """Path pattern of one garment's part of a table."""
+    return f"{RESULTS}/parts/{table}/{{garment}}.csv"
+
+
+rule evaluate_simulation:
+    input:
+        shards=shards,
+        code=code("evaluation/simulation.py", "datasets/shards.py", "pipeline/evaluate_simulation.py"),
+    output:
+        part("simulation"),
+        part("dropped"),
+    log:
+        f"{RESULTS}/logs/evaluate_simulation/{{garment}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/evaluate_simulation/{{garment}}.tsv"
+    resources:
+        device=DEVICE,
+    params:
+        spec=lambda w: spec.garment_name_spec(w.garment),
+    shell:
+        "python -m pipeline.evaluate_simulation --spec {params.spec:q} --out {output}"
+        " --in {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+
+
+rule evaluate_shape_descriptor:
+    input:
+        shards=shards,
+        models=model_files("shape_descriptor"),
+        code=code(
+            "evaluation",
+            "datasets",
+            "geometry",
+            "pipeline/learning.py",
+            "models/shape_descriptor.py",
+            "pipeline/evaluate_shape_descriptor.py",
+        ),
+    output:
+        part("shape_descriptor"),
+    log:
+        f"{RESULTS}/logs/evaluate_shape_descriptor/{{garment}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/evaluate_shape_descriptor/{{garment}}.tsv"
+    resources:
+        device=DEVICE,
+    params:
+        spec=lambda w: spec.evaluate_spec(config, w.garment, "shape_descriptor"),
+    shell:
+        "python -m pipeline.evaluate_shape_descriptor --spec {params.spec:q} --out {output}"
+        " --in {input.models} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+
+
+rule evaluate_motion_invariant:
+    input:
+        shards=shards,
+        descriptor=model_file("shape_descriptor"),
+        models=model_files("motion_invariant"),
+        code=code(
+            "evaluation",
+            "datasets",
+            "geometry",
+            "pipeline/learning.py",
+            "models/motion_invariant.py",
+            "pipeline/evaluate_motion_invariant.py",
+        ),
+    output:
+        part("motion_invariant"),
+        part("parameter_recovery"),
+    log:
+        f"{RESULTS}/logs/evaluate_motion_invariant/{{garment}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/evaluate_motion_invariant/{{garment}}.tsv"
+    resources:
+        device=DEVICE,
+    params:
+        spec=lambda w: spec.evaluate_spec(config, w.garment, "motion_invariant"),
+    shell:
+        "python -m pipeline.evaluate_motion_invariant --spec {params.spec:q} --out {output}"
+        " --in {input.descriptor} {input.models} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+
+
+rule evaluate_motion:
+    input:
+        motions=batches(),
+        recognition=f"{RESULTS}/models/motion/recognition.pt",
+        cvae=f"{RESULTS}/models/motion/motion_cvae.pt",
+        code=code(
+            "evaluation",
+            "datasets",
+            "geometry",
+            "pipeline/learning.py",
+            "models/motion_cvae.py",
+            "models/recognition.py",
+            "motions",
+            "pipeline/evaluate_motion.py",
+        ),
+    output:
+        f"{RESULTS}/tables/motion_reconstruction.csv",
+        f"{RESULTS}/tables/motion_generation.csv",
+    log:
+        f"{RESULTS}/logs/evaluate_motion.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/evaluate_motion.tsv"
+    resources:
+        device=DEVICE,
+    params:
+        spec=spec.evaluate_spec(config),
+    shell:
+        "python -m pipeline.evaluate_motion --spec {params.spec:q} --out {output}"
+        " --in {input.recognition} {input.cvae} {input.motions} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+
+
+rule evaluate_garment_regressor:
+    input:
+        shards=shards,
+        template=f"{RESULTS}/garments/{{garment}}.npz",
+        fine_tuned=model_file("garment_regressor", "fine_tuned"),
+        models=model_files("garment_regressor"),
+        code=code(
+            "evaluation",
+            "datasets",
+            "geometry",
+            "pipeline/learning.py",
+            "models",
+            "pipeline/evaluate_garment_regressor.py",
+        ),
+    output:
+        part("garment_regressor"),
+    log:
+        f"{RESULTS}/logs/evaluate_garment_regressor/{{garment}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/evaluate_garment_regressor/{{garment}}.tsv"
+    resources:
+        device=DEVICE,
+    params:
+        spec=lambda w: spec.evaluate_spec(config, w.garment, "garment_regressor"),
+    shell:
+        "python -m pipeline.evaluate_garment_regressor --spec {params.spec:q} --out {output}"
+        " --in {input.template} {input.fine_tuned} {input.models} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+
+
+# Alone on the machine: it takes all cores, though each thing that it times uses one.
+rule time_solvers:
+    input:
+        template=f"{RESULTS}/garments/{{garment}}.npz",
+        motions=f"{RESULTS}/motions/batch_0000.h5",
+        kernels=f"{RESULTS}/.kernels_compiled",
+        descriptor=model_file("shape_descriptor"),
+        motion_invariant=model_file("motion_invariant"),
+        cvae=f"{RESULTS}/models/motion/motion_cvae.pt",
+        regressor=model_file("garment_regressor", "fine_tuned"),
+        code=code("sim", "models", "pipeline/learning.py", "pipeline/time_solvers.py"),
+    output:
+        part("timing"),
+    log:
+        f"{RESULTS}/logs/time_solvers/{{garment}}.log",
+    threads: workflow.cores
+    resources:
+        device=DEVICE,
+    params:
+        spec=lambda w: spec.timing_spec(config, w.garment),
+    shell:
+        "python -m pipeline.time_solvers --spec {params.spec:q} --out {output} --in {input.template} {input.motions}"
+        " {input.descriptor} {input.motion_invariant} {input.cvae} {input.regressor}"
+        " --device {resources.device} --threads 1 2>&1 | tee {log}"
+
+
+rule table:
+    input:
+        parts=lambda w: expand(part(w.table), garment=GARMENTS),
+        code=code("evaluation/table.py", "pipeline/join_tables.py"),
+    output:
+        f"{RESULTS}/tables/{{table}}.csv",
+    log:
+        f"{RESULTS}/logs/table/{{table}}.log",
+    shell:
+        "python -m pipeline.join_tables --spec null --out {output} --in {input.parts} 2>&1 | tee {log}"
+
+
+# motion_* come from rules of their own.
+ruleorder: evaluate_motion > table
+
+
+TABLES = [
+    "simulation",
+    "dropped",
+    "shape_descriptor",
+    "motion_invariant",
+    "parameter_recovery",
+    "motion_reconstruction",
+    "motion_generation",
+    "garment_regressor",
+    "collision_tuning",
+    "timing",
+]
+
+
+rule tables:
+    input:
+        expand(f"{RESULTS}/tables/{{table}}.csv", table=TABLES),

@@ -1,0 +1,58 @@
+# Pictures and the page.
+
+
+rule render:
+    input:
+        template=f"{RESULTS}/garments/{{garment}}.npz",
+        shards=shards,
+        cvae=f"{RESULTS}/models/motion/motion_cvae.pt",
+        regressor=model_file("garment_regressor", "fine_tuned"),
+        code=code("report/render.py", "models", "datasets", "pipeline/learning.py", "pipeline/render.py"),
+    output:
+        directory(f"{RESULTS}/figures/{{garment}}"),
+    log:
+        f"{RESULTS}/logs/render/{{garment}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/render/{{garment}}.tsv"
+    resources:
+        device=DEVICE,
+    params:
+        spec=lambda w: spec.render_spec(config, w.garment),
+    shell:
+        "python -m pipeline.render --spec {params.spec:q} --out {output} --in {input.template} {input.cvae}"
+        " {input.regressor} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+
+
+def losses():
+    """The loss tables of all trainings, motion models first."""
+    trainings = [f"motion/{model}" for model in ("recognition", "motion_cvae")]
+    for garment in GARMENTS:
+        for model in ("shape_descriptor", "motion_invariant", "garment_regressor"):
+            trainings += [f"{garment}/{model}/{variant}" for variant in config["models"][model]["variants"]]
+    return [f"{RESULTS}/training/{training}/losses.csv" for training in trainings]
+
+
+rule report:
+    input:
+        tables=rules.tables.input,
+        figures=expand(f"{RESULTS}/figures/{{garment}}", garment=GARMENTS),
+        losses=losses(),
+        code=code("report", "pipeline/report.py"),
+        page=glob("report/*.html") + glob("report/*.css"),
+    output:
+        report(f"{RESULTS}/report.html", category="Report"),
+    log:
+        f"{RESULTS}/logs/report.log",
+    params:
+        spec=spec.report_spec(config),
+    shell:
+        "python -m pipeline.report --spec {params.spec:q} --out {output} --in {RESULTS} 2>&1 | tee {log}"
+
+
+# The same road on tiny meshes, as a run of its own.
+rule smoke:
+    log:
+        "results/smoke.log",
+    threads: workflow.cores
+    shell:
+        "snakemake all --configfile configs/smoke.yaml --cores {threads} 2>&1 | tee {log}"

@@ -1,0 +1,45 @@
+"""Stage ``train_garment_regressor``: from a body motion to a garment in motion (Shi 2023, section 3.3).
+
+In: the template and all shards of a garment. Out: a model file and the table of losses. Trained on the motions plan,
+whose sequences share the base parameters; watched on unseen motions.
+"""
+
+from __future__ import annotations
+
+from datasets.splits import TRAIN, UNSEEN_MOTIONS
+from garments.template import GarmentTemplate
+from models.garment_fitting import RegressorTraining, fit_garment_regressor, save_regressor
+from models.garment_regressor import RegressorConfig, variant_config
+from pipeline.learning import (
+    TrainingProgress,
+    garment_examples,
+    job_sequences,
+    settings_of,
+    training_settings,
+    values_of,
+    work_dir,
+)
+from pipeline.plan import MOTIONS
+from pipeline.stage import Job, run_stage
+
+
+def main(job: Job) -> None:
+    """Train and save."""
+    template_path, *shards = job.inputs
+    template, model, variant = GarmentTemplate.load(template_path), job.spec["model"], job.spec["variant"]
+    training = garment_examples(job_sequences(job, shards, (TRAIN,), (MOTIONS,)))
+    held_out = garment_examples(job_sequences(job, shards, (UNSEEN_MOTIONS,), (MOTIONS,)))
+    regressor, _ = fit_garment_regressor(
+        training,
+        template.faces,
+        variant_config(variant, len(template.vertices), **values_of(RegressorConfig, model)),
+        settings_of(RegressorTraining, model, training=training_settings(job, model)),
+        work_dir(job.outputs[1]),
+        validation=held_out,
+        progress=TrainingProgress(f"{job.spec['garment']} regressor {variant}"),
+    )
+    save_regressor(job.outputs[0], regressor)
+
+
+if __name__ == "__main__":
+    run_stage(main)

@@ -1,0 +1,31 @@
+"""Stage ``train_motion_cvae``: from a label to body motions (Shi 2023, section 3.2).
+
+In: all motion batches. Out: a model file and the table of losses.
+"""
+
+from __future__ import annotations
+
+from models.motion_cvae import MotionCVAEConfig
+from models.motion_fitting import fit_motion_cvae, save_motion_cvae
+from pipeline.learning import TrainingProgress, job_body, labelled_poses, settings_of, training_settings, work_dir
+from pipeline.stage import Job, run_stage
+
+
+def main(job: Job) -> None:
+    """Train and save."""
+    model = job.spec["model"]
+    cvae, _ = fit_motion_cvae(
+        *labelled_poses(job, job.inputs, held_out=False),
+        job_body(job),
+        settings_of(MotionCVAEConfig, model, labels=tuple(job.spec["labels"])),
+        training_settings(job, model),
+        model["batch"],
+        work_dir(job.outputs[1]),
+        validation=labelled_poses(job, job.inputs, held_out=True),
+        progress=TrainingProgress("motion CVAE"),
+    )
+    save_motion_cvae(job.outputs[0], cvae)
+
+
+if __name__ == "__main__":
+    run_stage(main)

@@ -1,0 +1,30 @@
+"""Stage ``train_recognition``: the judge of generated motions (Action2Motion's metrics, on our own training split).
+
+In: all motion batches. Out: a model file and the table of losses.
+"""
+
+from __future__ import annotations
+
+from models.motion_fitting import fit_recognition, save_recognition
+from models.recognition import RecognitionConfig
+from pipeline.learning import TrainingProgress, labelled_poses, settings_of, training_settings, work_dir
+from pipeline.stage import Job, run_stage
+
+
+def main(job: Job) -> None:
+    """Train and save."""
+    model = job.spec["model"]
+    network, _ = fit_recognition(
+        *labelled_poses(job, job.inputs, held_out=False),
+        settings_of(RecognitionConfig, model, labels=tuple(job.spec["labels"])),
+        training_settings(job, model),
+        model["batch"],
+        work_dir(job.outputs[1]),
+        validation=labelled_poses(job, job.inputs, held_out=True),
+        progress=TrainingProgress("recognition"),
+    )
+    save_recognition(job.outputs[0], network)
+
+
+if __name__ == "__main__":
+    run_stage(main)

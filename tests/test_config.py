@@ -1,0 +1,134 @@
+"""Configuration: every mistake ends in one sentence with the file, the key, what was found and what is allowed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pipeline.config import ConfigError, load_config
+
+CONFIGS = Path(__file__).parent.parent / "configs"
+DEFAULT = CONFIGS / "default.yaml"
+
+
+def refusal(tmp_path: Path, overlay: str) -> str:
+    """The sentence with which default.yaml under an overlay is refused."""
+    file = tmp_path / "mine.yaml"
+    file.write_text(overlay)
+    with pytest.raises(ConfigError) as error:
+        load_config([DEFAULT, file])
+    sentence = str(error.value)
+    assert "\n" not in sentence
+    return sentence.replace(str(file), "mine.yaml")
+
+
+@pytest.mark.parametrize("name", ["smoke.yaml", "paper.yaml"])
+def test_shipped_configs_are_valid(name):
+    assert load_config([DEFAULT, CONFIGS / name])["run"] == name.removesuffix(".yaml")
+
+
+@pytest.mark.parametrize("name", ["default.yaml", "smoke.yaml", "paper.yaml", "mocap.yaml"])
+def test_every_value_has_its_unit(name):
+    for number, line in enumerate((CONFIGS / name).read_text().splitlines(), 1):
+        value = line.split("#")[0].strip()
+        if value and not value.endswith(":"):
+            assert "#" in line, f"{name}:{number} has no comment: {line.strip()}"
+            comment = line.split("#", 1)[1]
+            choice = " or " in comment or "," in comment
+            assert "[" in comment or choice, f"{name}:{number} names neither a unit in brackets nor the choices"
+
+
+CASES = {
+    "unknown key": (
+        "garments: {skirt: {lenght: 0.5}}",
+        ["mine.yaml: garments.skirt.lenght: unknown key (did you mean 'length'?)", "allowed are", "length"],
+    ),
+    "unknown garment": (
+        "garments: {skirt: {kind: kilt}}",
+        ["mine.yaml: garments.skirt.kind: unknown garment 'kilt'; allowed are pants, skirt, tshirt"],
+    ),
+    "centimetres": ("garments: {skirt: {length: 55}}", ["mine.yaml: garments.skirt.length: found 55", "m"]),
+    "length outside its kind": (
+        "garments: {skirt: {length: 1.5}}",
+        ["mine.yaml: garments.skirt.length: found 1.5; allowed are 0.15 to 1.1 m for a skirt"],
+    ),
+    "measure of another kind": (
+        "garments: {skirt: {sleeve: 0.2}}",
+        ["mine.yaml: garments.skirt.sleeve: a skirt has no such measure; allowed are length, ease, flare"],
+    ),
+    "a unit written out": (
+        "garments: {skirt: {length: 55 cm}}",
+        ["mine.yaml: garments.skirt.length: found '55 cm'; allowed is a number", " m"],
+    ),
+    "a number that YAML takes for text": (
+        "garments: {skirt: {ranges: {bend: {min: 1e-5, max: 1.0e-3}}}}",
+        ["mine.yaml: garments.skirt.ranges.bend.min: found '1e-5'; allowed is a number"],
+    ),
+    "min above max": (
+        "garments: {skirt: {ranges: {density: {min: 0.4, max: 0.1}}}}",
+        ["mine.yaml: garments.skirt.ranges.density: min 0.4 is above max 0.1; min must not be above max"],
+    ),
+    "negative density": (
+        "garments: {skirt: {ranges: {density: {min: -0.1}}}}",
+        ["mine.yaml: garments.skirt.ranges.density.min: found -0.1; allowed are 0.01 to 2 kg/m^2"],
+    ),
+    "unknown parameter": (
+        "garments: {skirt: {base: {densty: 0.1}}}",
+        ["mine.yaml: garments.skirt.base.densty: unknown parameter 'densty' (did you mean 'density'?)"],
+    ),
+    "half a substep": (
+        "garments: {skirt: {base: {substeps: 20.5}}}",
+        ["garments.skirt.base.substeps: found 20.5; allowed are whole numbers"],
+    ),
+    "unknown label": (
+        "motions: {procedural: {labels: [walk, fly]}}",
+        ["mine.yaml: motions.procedural: unknown motion label 'fly'; known are", "walk"],
+    ),
+    "no folder": ("motions: {source: bvh}", ["motions.bvh: no folder is given"]),
+    "folder that is not there": (
+        "motions: {source: bvh, bvh: {folder: no/such/folder}}",
+        ["mine.yaml: motions.bvh", "no/such/folder"],
+    ),
+    "samples that do not fill their shards": (
+        "data: {materials: {samples: 41}}",
+        ["mine.yaml: data.materials.samples: found 41; allowed are multiples of samples_per_shard = "],
+    ),
+    "too many clips": ("data: {materials: {clips: 9999}}", ["data.materials.clips: found 9999; the motions give"]),
+    "nothing held out": (
+        "data: {splits: {parameters_every: 900}}",
+        ["data.materials.samples", "or no set is held out"],
+    ),
+    "heads": ("models: {motion_cvae: {heads: 3}}", ["mine.yaml: models.motion_cvae.width", "a multiple of heads"]),
+    "variant that is not there": (
+        "models: {shape_descriptor: {use: best}}",
+        ["mine.yaml: models.shape_descriptor.use: found 'best'; allowed are paper, residual-pca"],
+    ),
+    "device": ("compute: {device: tpu}", ["mine.yaml: compute.device: found 'tpu'; allowed are auto, cpu, cuda"]),
+    "duplicate key": ("run: a\nrun: b", ["mine.yaml: line 2: key 'run' stands twice"]),
+    "no YAML": ("run: [", ["mine.yaml, line"]),
+    "no mapping": ("- a\n- b", ["mine.yaml: holds list"]),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_mistake_gets_one_sentence(tmp_path, case):
+    overlay, parts = CASES[case]
+    sentence = refusal(tmp_path, overlay)
+    for part in parts:
+        assert part in sentence, sentence
+
+
+def test_a_missing_key_is_named(tmp_path):
+    config = yaml.safe_load(DEFAULT.read_text())
+    del config["motions"]["fps"]
+    file = tmp_path / "mine.yaml"
+    file.write_text(yaml.safe_dump(config))
+    with pytest.raises(ConfigError, match=r"motions\.fps: the key is missing; needed are"):
+        load_config([file])
+
+
+def test_a_file_that_is_not_there_is_named():
+    with pytest.raises(ConfigError, match=r"nowhere\.yaml: cannot be read"):
+        load_config(["nowhere.yaml"])
