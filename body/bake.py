@@ -243,9 +243,15 @@ def smoothed_near_joints(
 
 
 def heaviest(weights: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The ``count`` heaviest joints of each vertex and their renormalised weights, both [V, count]."""
-    index = np.argsort(-weights, axis=1, kind="stable")[:, :count]
+    """The ``count`` heaviest joints of each vertex and their renormalised weights, both [V, count].
+
+    Where the last one ties with the next, a left and a right joint on the plane of symmetry, both are dropped.
+    """
+    order = np.argsort(-weights, axis=1, kind="stable")
+    index = order[:, :count]
     weight = np.take_along_axis(weights, index, axis=1)
+    following = np.take_along_axis(weights, order[:, count : count + 1], axis=1)
+    weight[weight <= following + 1e-6] = 0.0
     weight /= weight.sum(axis=1, keepdims=True)
     index = np.where(weight > 0.0, index, index[:, :1])
     return index.astype(np.int32), weight.astype(np.float32)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from body.decimate import decimate
 from body.model import BODY_NAMES, Body, skin
@@ -182,6 +183,10 @@ def test_mirrored_pose_mirrors_the_body(body: Body) -> None:
     order = mirrored_joint_order()
     mirrored = body.joint_positions(pose[:, order] * [1, -1, -1], root * [-1, 1, 1])
     np.testing.assert_allclose(mirrored[:, order] * [-1, 1, 1], body.joint_positions(pose, root), atol=1e-4)
+    distance, image = cKDTree(body.vertices).query(body.vertices * [-1, 1, 1])
+    assert distance.max() < 1e-5 and (image[image] == np.arange(len(image))).all()
+    surface = body.posed(pose[:, order] * [1, -1, -1], root * [-1, 1, 1])
+    np.testing.assert_allclose(surface[:, image] * [-1, 1, 1], body.posed(pose, root), atol=1e-3)
 
 
 def test_shape_components(body: Body) -> None:
