@@ -75,7 +75,9 @@ def read_bvh(path: str | Path) -> BvhMotion:
     if not path.is_file():
         raise FileNotFoundError(f"Motion capture file {path} does not exist")
     if path.stat().st_size > MAX_BYTES:
-        raise ValueError(f"{path.name}: {path.stat().st_size / 2**20:.0f} MiB, at most {MAX_BYTES // 2**20} MiB is read")
+        raise ValueError(
+            f"{path.name}: {path.stat().st_size / 2**20:.0f} MiB, at most {MAX_BYTES // 2**20} MiB is read"
+        )
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError:

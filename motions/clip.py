@@ -44,7 +44,9 @@ class Clip:
         validate_motion(self.pose, self.root, self.fps, f"Clip '{self.name}'")
         for field in ("name", "take", "label"):
             if not getattr(self, field):
-                raise ValueError(f"Clip '{self.name}' has an empty {field}; every clip needs a name, a take and a label")
+                raise ValueError(
+                    f"Clip '{self.name}' has an empty {field}; every clip needs a name, a take and a label"
+                )
 
     @property
     def frames(self) -> int:

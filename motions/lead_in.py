@@ -39,7 +39,9 @@ def lead_in(clip: Clip, body: Body, frames: int) -> tuple[np.ndarray, np.ndarray
     progress = np.arange(frames) / frames
     bind = Rotation.from_rotvec(np.asarray(body.bind_pose(), dtype=np.float64))
     # Logarithms relative to the bind pose of the clip's first frames, where the boundary values are read off by differences.
-    ahead = np.stack([(bind.inv() * Rotation.from_rotvec(pose)).as_rotvec() for pose in clip.pose[:3].astype(np.float64)])
+    ahead = np.stack(
+        [(bind.inv() * Rotation.from_rotvec(pose)).as_rotvec() for pose in clip.pose[:3].astype(np.float64)]
+    )
     for index in range(1, len(ahead)):
         ahead[index] = _nearest_equivalent(ahead[index], ahead[index - 1])
     relative = _quintic(ahead, progress, frames)

@@ -1,0 +1,1 @@
+"""Families of motions: what is done, as curves on a stage."""

@@ -1,0 +1,183 @@
+"""Feet that stay where they stand: a plan of steps, turned into ankle positions, foot rotations and toe flexion.
+
+Between two steps a foot does not slide: it lies flat, or rolls about its heel (toes up, after landing) or about the ball of the
+foot (heel up, before lifting). A step swings the ankle along a quintic that takes over the speed of the roll and arrives at
+rest, with a bump (height, and reach for kicks) on top.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from motions.figure import FootShape
+from motions.timing import minimum_jerk, rotation_about
+
+LANDED_EARLY = (
+    0.92  # part of a swing after which the foot only descends: touching the ground while still moving would be a skid
+)
+ROLL_IN_SECONDS = 0.11
+ROLL_OUT_SECONDS = 0.32
+ROLL_POWER = 1.8  # of the heel's rise over time: still accelerating when the foot leaves the ground
+
+
+@dataclass(frozen=True)
+class Step:
+    """One swing of a foot.
+
+    Attributes:
+        lift, land: Times [s] at which the foot leaves and touches the ground.
+        place: Ground position (x, z) of the ankle with the foot flat, after landing [m].
+        yaw: Direction of the foot after landing, to the left of +z [rad].
+        height: Extra height of the ankle in the middle of the swing [m].
+        push: Pitch at lifting, heel up [rad]; the foot rolls over its ball before.
+        strike: Pitch at landing [rad]: negative lands on the heel, positive on the ball.
+        reach: Extra movement (to the foot's left, ahead) in the middle of the swing [m].
+        point: Extra pitch in the middle of the swing, toes down [rad].
+        early: Below 1 the bump comes early in the swing, above 1 late.
+        ballistic: The height is a parabola: both feet fly with the body in a jump.
+        rise: Time [s] in which the foot is lifted and kept up, for standing on the other leg; None for an ordinary swing.
+    """
+
+    lift: float
+    land: float
+    place: tuple[float, float]
+    yaw: float
+    height: float
+    push: float = 0.0
+    strike: float = 0.0
+    reach: tuple[float, float] = (0.0, 0.0)
+    point: float = 0.0
+    early: float = 0.75
+    ballistic: bool = False
+    rise: float | None = None
+
+
+@dataclass
+class FootTrack:
+    """A foot over the frames of a clip: ankle [T, 3] [m], global rotation [T, 3, 3], toe flexion up [T] [rad], yaw [T] [rad], planted [T]."""
+
+    ankle: np.ndarray
+    rotation: np.ndarray
+    toe: np.ndarray
+    yaw: np.ndarray
+    planted: np.ndarray
+
+
+@dataclass
+class FootPlan:
+    """Where a foot stands first, and its steps in order of time.
+
+    Attributes:
+        shape: Measurements of the foot.
+        place: First ground position (x, z) of the ankle [m].
+        yaw: First direction, to the left of +z [rad].
+        steps: Steps that do not overlap.
+    """
+
+    shape: FootShape
+    place: tuple[float, float]
+    yaw: float
+    steps: list[Step] = field(default_factory=list)
+
+    def standing_at(self) -> tuple[tuple[float, float], float]:
+        """Place (x, z) [m] and yaw [rad] after the last step so far."""
+        return (self.steps[-1].place, self.steps[-1].yaw) if self.steps else (self.place, self.yaw)
+
+    def track(self, times: np.ndarray) -> FootTrack:
+        """Evaluate the plan at times [s], shape [T]."""
+        count = len(times)
+        track = FootTrack(
+            np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count), np.zeros(count), np.ones(count, dtype=bool)
+        )
+        landed, place, yaw, strike = -np.inf, self.place, self.yaw, 0.0
+        for step in [*self.steps, None]:
+            lift = step.lift if step else np.inf
+            inside = (times >= landed) & (times < lift)
+            if inside.any():
+                pitch = _stance_pitch(times[inside], landed, lift, strike, step.push if step else 0.0)
+                self._write(track, inside, self._rolled(place, yaw, pitch), pitch, np.full(inside.sum(), yaw))
+            if step is None:
+                break
+            inside = (times >= step.lift) & (times < step.land)
+            if inside.any():
+                self._swing(track, inside, times[inside], landed, place, yaw, strike, step)
+            landed, place, yaw, strike = step.land, step.place, step.yaw, step.strike
+        return track
+
+    def _write(self, track: FootTrack, rows: np.ndarray, ankle: np.ndarray, pitch: np.ndarray, yaw: np.ndarray) -> None:
+        track.ankle[rows], track.yaw[rows] = ankle, yaw
+        track.rotation[rows] = self._rotation(yaw, pitch)
+        track.toe[rows] = np.maximum(pitch, 0.0)
+
+    def _rotation(self, yaw: np.ndarray, pitch: np.ndarray) -> np.ndarray:
+        """Rotation from the zero pose: the foot's own direction is undone first, so that yaw 0 points straight ahead."""
+        return rotation_about("y", yaw) @ rotation_about("x", pitch) @ rotation_about("y", -self.shape.natural_yaw)
+
+    def _rolled(self, place: tuple[float, float], yaw: float, pitch: np.ndarray) -> np.ndarray:
+        """Ankle positions of a standing foot with a pitch: rolled about the ball (heel up) or the heel (toes up), [T, 3]."""
+        pivot = np.where(pitch[:, None] > 0.0, self.shape.ball, self.shape.heel)
+        rolled = pivot - np.einsum("tij,tj->ti", rotation_about("x", pitch), pivot)
+        flat = np.array([place[0], self.shape.ankle[1], place[1]])
+        return flat + rolled @ rotation_about("y", yaw).T
+
+    def _swing(
+        self,
+        track: FootTrack,
+        rows: np.ndarray,
+        times: np.ndarray,
+        landed: float,
+        place: tuple[float, float],
+        yaw: float,
+        strike: float,
+        step: Step,
+    ) -> None:
+        duration = step.land - step.lift
+        s = (times - step.lift) / duration
+        # The state at lifting by a one-sided difference of the stance, which is exact enough and follows any roll.
+        tick = 1e-4
+        before = np.array([step.lift - tick, step.lift - 1e-9])
+        pitches = _stance_pitch(before, landed, step.lift, strike, step.push)
+        ankles = self._rolled(place, yaw, pitches)
+        start, speed = ankles[1], (ankles[1] - ankles[0]) / tick
+        end = self._rolled(step.place, step.yaw, np.array([step.strike]))[0]
+        along = _take_over(s / LANDED_EARLY, start, speed * duration * LANDED_EARLY, end)
+        upward = _take_over(s, start, speed * duration, end)
+        ankle = np.stack([along[:, 0], upward[:, 1], along[:, 2]], axis=-1)
+        turned = yaw + (step.yaw - yaw) * minimum_jerk(s / LANDED_EARLY)
+        warped = s**step.early
+        bump = 4.0 * s * (1.0 - s) if step.ballistic else (4.0 * warped * (1.0 - warped)) ** 1.5
+        reach = minimum_jerk(s / 0.5) * minimum_jerk((1.0 - s) / 0.5)
+        if step.rise is not None:
+            bump = reach = minimum_jerk(s * duration / step.rise) * minimum_jerk((1.0 - s) * duration / step.rise)
+        ankle += np.einsum(
+            "tij,tj->ti",
+            rotation_about("y", turned),
+            np.stack([step.reach[0] * reach, step.height * bump, step.reach[1] * reach], axis=-1),
+        )
+        pitch_speed = (pitches[1] - pitches[0]) / tick * duration
+        pitch = _take_over(s, pitches[1:], np.array([pitch_speed]), np.array([step.strike]))[:, 0] + step.point * bump
+        track.ankle[rows], track.yaw[rows], track.planted[rows] = ankle, turned, False
+        track.rotation[rows] = self._rotation(turned, pitch)
+        toe_start, toe_end = max(pitches[1], 0.0), max(step.strike, 0.0)
+        track.toe[rows] = toe_start * (1.0 - minimum_jerk(s / 0.45)) + toe_end * minimum_jerk((s - 0.6) / 0.4)
+
+
+def _stance_pitch(times: np.ndarray, landed: float, lift: float, strike: float, push: float) -> np.ndarray:
+    """Pitch of a standing foot: the strike angle fades after landing, the push angle grows before lifting, shape [T]."""
+    stance = lift - landed
+    roll_in = min(ROLL_IN_SECONDS, 0.3 * stance)
+    roll_out = min(ROLL_OUT_SECONDS, 0.5 * stance, 0.8 * lift)  # a clip starts with calm feet
+    pitch = np.zeros(len(times))
+    if strike and np.isfinite(landed):
+        pitch += strike * (1.0 - minimum_jerk((times - landed) / roll_in))
+    if push and np.isfinite(lift):
+        pitch += push * np.clip((times - (lift - roll_out)) / roll_out, 0.0, 1.0) ** ROLL_POWER
+    return pitch
+
+
+def _take_over(s: np.ndarray, start: np.ndarray, speed: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Quintic from `start` with `speed` (per unit of s) to `end` at rest, shape [T, 3]; constant after s = 1."""
+    s = np.clip(s, 0.0, 1.0)[:, None]
+    return start + (end - start) * minimum_jerk(s) + speed * (s - 6.0 * s**3 + 8.0 * s**4 - 3.0 * s**5)
