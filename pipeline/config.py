@@ -188,12 +188,8 @@ def _check_models(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
             )
     cvae = config["models"]["motion_cvae"]
     if cvae["width"] % cvae["heads"]:
-        raise _error(
-            layers,
-            ("models", "motion_cvae", "width"),
-            f"found {cvae['width']} with {cvae['heads']} heads",
-            "a multiple of heads",
-        )
+        key, found = ("models", "motion_cvae", "heads"), f"found {cvae['heads']}"
+        raise _error(layers, key, found, f"allowed are divisors of width = {cvae['width']}")
 
 
 def _refuse_schema_error(error: ValidationError, layers: Sequence[Layer]) -> None:

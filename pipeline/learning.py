@@ -20,6 +20,8 @@ from models.garment_fitting import GarmentExample
 from models.garment_regressor import Regressor
 from models.motion_cvae import MotionCVAE
 from models.motion_features import MotionTrack
+from models.same_phi import IntrinsicFrames
+from models.shape_descriptor import ShapeDescriptor, encode_all
 from models.training import TrainingSettings
 from motions.clip import Clip
 from motions.clip_file import read_clips
@@ -152,3 +154,16 @@ def regressor_predictor(regressor: Regressor, body: Body) -> Callable[[Sequence]
         return from_canonical(regressor.dress(motion_track(sequence)), sequence.pose, sequence.root, body)
 
     return predict
+
+
+def intrinsic_frames(
+    sequences: list[Sequence], descriptor: ShapeDescriptor, window: int, body: Body
+) -> IntrinsicFrames:
+    """All frames as the motion-invariant autoencoder sees them: descriptor, motion signature, parameter set, clip."""
+    clips = {name: number for number, name in enumerate(sorted({s.clip for s in sequences}))}
+    return IntrinsicFrames(
+        encode_all(descriptor, canonical_frames(sequences, body)),
+        motion_signatures(sequences, window, body),
+        frame_numbers(sequences, (s.phi for s in sequences)),
+        frame_numbers(sequences, (clips[s.clip] for s in sequences)),
+    )

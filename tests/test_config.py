@@ -100,7 +100,10 @@ CASES = {
         "data: {splits: {parameters_every: 900}}",
         ["data.materials.samples", "or no set is held out"],
     ),
-    "heads": ("models: {motion_cvae: {heads: 3}}", ["mine.yaml: models.motion_cvae.width", "a multiple of heads"]),
+    "heads": (
+        "models: {motion_cvae: {heads: 3}}",
+        ["mine.yaml: models.motion_cvae.heads: found 3; allowed are divisors of width"],
+    ),
     "variant that is not there": (
         "models: {shape_descriptor: {use: best}}",
         ["mine.yaml: models.shape_descriptor.use: found 'best'; allowed are paper, residual-pca"],
