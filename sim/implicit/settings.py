@@ -31,7 +31,7 @@ class ImplicitSettings:
 
     fps: float = 30.0
     steps_per_frame: int = 8
-    cg_tolerance: float = 1e-3
+    cg_tolerance: float = 1e-2
     cg_max_iterations: int = 300
     strain_limits: tuple[float, float] | None = None
     strain_sweeps: int = 50
