@@ -5,7 +5,7 @@ interval. One interval of n substeps reads:
 
     move the body and the pins to the end of the interval; carry the cached contact planes along
     for j = 1 .. n:
-        every third substep: v <- damped v                       membrane and bending, implicit
+        every fourth substep: v <- damped v                       membrane and bending, implicit
         v <- drag v + gravity dt;  x_pred <- x + v dt            predict
         membrane: triangles, colour by colour                    Gauss-Seidel, one iteration
         bending: hinges, colour by colour
@@ -35,7 +35,7 @@ SOLVER_VERSION = "xpbd-1"
 
 # The implicit damping of a few substeps at once costs little and changes little: with real fabrics' stiffness a single
 # triangle's strain rate is damped away within one substep anyway.
-SUBSTEPS_A_DAMPING = 3
+SUBSTEPS_A_DAMPING = 4
 
 
 class XpbdSolver:
@@ -198,15 +198,28 @@ def even_split(total: int, parts: int) -> list[int]:
     return [end - start for start, end in zip([0] + ends, ends)]
 
 
-def _device_triangles(rest: RestState, device: str) -> tuple[tuple[tuple[int, int], ...], wp.array]:
+def _device_triangles(rest: RestState, device: str) -> tuple[list[tuple[int, int]], wp.array]:
+    """Triangles in packs of four of one colour: (first, count) of each colour's packs, and the packs."""
     faces = rest.topology.faces
     colouring = colour_constraints(faces, len(rest.vertices))
-    packed = np.zeros(len(faces), dtype=membrane.Triangle.numpy_dtype())
-    packed["i0"], packed["i1"], packed["i2"] = faces.T
-    packed["du1"], packed["dv1"] = rest.inverse[:, 0].T
-    packed["du2"], packed["dv2"] = rest.inverse[:, 1].T
-    packed["root_area"] = np.sqrt(rest.area)
-    return colouring.ranges, wp.array(packed[colouring.order], dtype=membrane.Triangle, device=device)
+    ranges, members = [], []
+    for start, count in colouring.ranges:
+        packs = -(-count // membrane.LANES)
+        ranges.append((sum(map(len, members)), packs))
+        # The last pack is filled up by repeating a triangle; lanes beyond ``count`` are never stored.
+        padded = np.full(packs * membrane.LANES, start + count - 1)
+        padded[:count] = np.arange(start, start + count)
+        members.append(colouring.order[padded].reshape(packs, membrane.LANES))
+    packed = np.zeros(sum(map(len, members)), dtype=membrane.Triangles.numpy_dtype())
+    packed["count"] = membrane.LANES
+    for (first, packs), (_, count) in zip(ranges, colouring.ranges):
+        packed["count"][first + packs - 1] = count - (packs - 1) * membrane.LANES
+    lanes = np.concatenate(members)
+    packed["i0"], packed["i1"], packed["i2"] = (faces[lanes, corner] for corner in range(3))
+    packed["du1"], packed["dv1"] = (rest.inverse[lanes, 0, c] for c in range(2))
+    packed["du2"], packed["dv2"] = (rest.inverse[lanes, 1, c] for c in range(2))
+    packed["root_area"] = np.sqrt(rest.area[lanes])
+    return ranges, wp.array(packed, dtype=membrane.Triangles, device=device)
 
 
 def _device_hinges(rest: RestState, device: str) -> tuple[tuple[tuple[int, int], ...], wp.array]:

@@ -219,7 +219,11 @@ def find_contacts(
             away = hit.normal
             if wp.abs(hit.distance) > _TOUCHING:
                 away = (position - hit.point) / hit.distance
+            moved = thickness - hit.distance
             position = hit.point + away * thickness
+            if moved < 0.25 * thickness:
+                hit.distance = thickness  # too short a move to come under another face
+                break
             hit = closest_point(position, 2.0 * thickness, owned[i], meshes, first_face, faces, points, normals)
     x[i] = position
 
