@@ -87,6 +87,28 @@ def read_bvh(path: str | Path) -> BvhMotion:
     return _read_motion(reader, skeleton)
 
 
+def read_bvh_length(path: str | Path) -> tuple[int, float]:
+    """Number of frames and frames per second [Hz] of a BVH file, without reading its motion.
+
+    Raises:
+        FileNotFoundError: No such file.
+        ValueError: No "Frames:" and "Frame Time:" lines within the first 10,000 lines, or impossible values.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"Motion capture file {path} does not exist")
+    head: list[str] = []
+    with path.open(encoding="utf-8", errors="replace") as stream:
+        while len(head) < 10_000 and not (head and head[-1].startswith("Frame Time:")):
+            line = stream.readline(100_000)
+            if not line:
+                break
+            head.append(line.strip())
+    reader = _Reader(path.name, head)
+    reader.skip_to("MOTION")
+    return _read_timing(reader)
+
+
 class _Reader:
     """Non-empty lines with their numbers."""
 
@@ -102,6 +124,11 @@ class _Reader:
             raise ValueError(f"{self.name} ends at line {self.last} where {expected} was expected")
         self._next += 1
         return self._lines[self._next - 1]
+
+    def skip_to(self, word: str) -> None:
+        """Go to the first line that begins with a word."""
+        while self._next < len(self._lines) and self._lines[self._next][1][0] != word:
+            self._next += 1
 
     def rest(self) -> list[tuple[int, list[str]]]:
         """All lines that are left."""
@@ -196,7 +223,8 @@ def _open_joint(reader: _Reader, skeleton: _Skeleton, line: int, words: list[str
     skeleton.channels.append(channels)
 
 
-def _read_motion(reader: _Reader, skeleton: _Skeleton) -> BvhMotion:
+def _read_timing(reader: _Reader) -> tuple[int, float]:
+    """The head of the motion section: number of frames, and frames per second [Hz]."""
     line, words = reader.take("MOTION")
     if words != ["MOTION"]:
         raise reader.error(line, f"expected MOTION, found '{' '.join(words)[:40]}'")
@@ -212,10 +240,14 @@ def _read_motion(reader: _Reader, skeleton: _Skeleton) -> BvhMotion:
     seconds = float(_numbers(reader, line, words[2:], 1, "Frame Time")[0])
     if not 1.0 / 1000.0 <= seconds <= 1.0:
         raise reader.error(line, f"Frame Time is {seconds} s, allowed are 0.001 to 1 s")
+    return frames, 1.0 / seconds
 
+
+def _read_motion(reader: _Reader, skeleton: _Skeleton) -> BvhMotion:
+    frames, fps = _read_timing(reader)
     width = sum(len(channels) for channels in skeleton.channels)
     if frames * len(skeleton.names) > MAX_JOINT_FRAMES:
-        raise reader.error(line, f"{frames} frames of {len(skeleton.names)} joints are more than this program reads")
+        raise ValueError(f"{reader.name}: {frames} frames of {len(skeleton.names)} joints are more than this program reads")
     rows = reader.rest()
     if len(rows) != frames:
         raise ValueError(f"{reader.name}, line {reader.last}: {frames} frames are announced but {len(rows)} are there")
@@ -242,5 +274,5 @@ def _read_motion(reader: _Reader, skeleton: _Skeleton) -> BvhMotion:
         ends=np.stack(skeleton.ends),
         translations=translations,
         rotations=rotations,
-        fps=1.0 / seconds,
+        fps=fps,
     )
