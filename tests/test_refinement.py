@@ -66,6 +66,27 @@ def test_sphere_pushed_into_a_sheet() -> None:
     assert changes[0] < 0.8 * changes[1]
 
 
+def test_body_between_the_vertices_of_a_coarse_sheet() -> None:
+    # A small ball lies under the middle of the sheet's edges: no vertex is inside, its triangles are cut.
+    vertices, topology = sheet(9, size=0.8)
+    ball, faces = solid(16, 24, radius=0.04)
+    ball = ball + [0.05, -0.032, 0.003]
+    query = SurfaceQuery(faces, len(ball))
+    assert query.query(vertices, ball).distance.min() > 0
+    i, j = topology.edges.T
+
+    def cut_edges(v: np.ndarray) -> int:
+        return int((query.query(0.5 * (v[i] + v[j]), ball).distance < 0).sum())
+
+    assert cut_edges(vertices) > 0
+    as_paper, _ = refine_sequence(vertices[None], ball[None], topology, faces)
+    np.testing.assert_array_equal(as_paper[0], vertices.astype(np.float32))
+    refined, stats = refine_sequence(vertices[None], ball[None], topology, faces, RefinementSettings(edges=True))
+    assert cut_edges(refined[0]) == 0 and stats.inside_after == 0
+    assert query.query(refined[0], ball).distance.min() > 0
+    assert stats.largest_move < 0.02
+
+
 def test_free_garment_comes_back_bit_for_bit() -> None:
     vertices, topology = sheet(12)
     ball, faces = solid(10, 14, radius=0.1)
