@@ -49,7 +49,7 @@ def motions_spec(config: Config, batch: int) -> str:
     if motions["source"] == "procedural":
         spec["seed"] = config["seed"]
     else:
-        spec["folder"] = motions["bvh"]["folder"]
+        spec |= {"folder": motions["bvh"]["folder"], "labels_file": motions["bvh"]["labels"]}
     return canonical(spec)
 
 

@@ -79,7 +79,7 @@ def network_rows(
     cvae, regressor = load_motion_cvae(models[2]), load_regressor(models[3])
     frames = clip.frames
     body_vertices = body.posed(clip.pose, clip.root)
-    refiner = Refiner(template.topology, body.faces, refinement)
+    refiner = Refiner(template.topology, body.faces, len(body.vertices), refinement)
     pose6d = axis_angle_to_6d(clip.pose).astype(np.float32)[None]
     signatures = np.zeros((frames, intrinsic.signature_mean.numel()), dtype=np.float32)
     latents = np.zeros((frames, intrinsic.config.latent), dtype=np.float32)
