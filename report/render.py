@@ -49,7 +49,7 @@ ERROR_STOPS = np.array(
 
 OVERSAMPLING = 2
 GROUND_CELLS = 72
-SHADOW_STRENGTH = 0.42
+SHADOW_STRENGTH = 0.55
 
 
 class SceneRenderer:
@@ -145,7 +145,7 @@ class SceneRenderer:
 
     def _build(self, flat: bool) -> None:
         """Add the actors; they need the first frame's points, or VTK guesses wrong bounds."""
-        ambient, diffuse = (0.42, 0.62) if flat else (0.20, 0.95)
+        ambient, diffuse = (0.42, 0.62) if flat else (0.15, 1.0)
         actor = self._plotter.add_mesh(
             self._garment,
             scalars="colour",
@@ -161,8 +161,8 @@ class SceneRenderer:
         # Colour, intensity, and place as (right, up, towards the camera).
         self._lights = [
             (pv.Light(color=(1.0, 0.97, 0.92), intensity=0.80, light_type="scene light"), (-0.60, 0.85, 0.75)),
-            (pv.Light(color=(0.86, 0.92, 1.0), intensity=0.28, light_type="scene light"), (0.90, 0.10, 0.90)),
-            (pv.Light(color=(1.0, 0.98, 0.95), intensity=0.42, light_type="scene light"), (1.00, 0.45, 0.02)),
+            (pv.Light(color=(0.86, 0.92, 1.0), intensity=0.20, light_type="scene light"), (0.90, 0.10, 0.90)),
+            (pv.Light(color=(1.0, 0.98, 0.95), intensity=0.50, light_type="scene light"), (1.00, 0.45, 0.02)),
             (pv.Light(color=(0.9, 0.94, 1.0), intensity=0.30, light_type="scene light"), (-0.80, 0.50, -0.90)),
         ]
         for light, _ in self._lights:
@@ -183,12 +183,12 @@ class SceneRenderer:
             light.focal_point = tuple(target)
 
     def _folds(self, garment: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """Brightness of each vertex, 0.72..1.1: valleys darker, ridges lighter, as sky light would have it."""
+        """Brightness of each vertex, 0.68..1.1: valleys darker, ridges lighter, as sky light would have it."""
         if not hasattr(self, "_umbrella"):
             self._umbrella = MeshTopology.from_faces(self.garment_faces, len(garment)).uniform_laplacian()
         hollow = np.einsum("vc,vc->v", self._umbrella @ garment, normals)
         hollow = hollow - 0.5 * (self._umbrella @ hollow)
-        return np.clip(1.0 + 35.0 * hollow, 0.72, 1.10)
+        return np.clip(1.0 + 45.0 * hollow, 0.68, 1.10)
 
     def _lay_ground(self, garment: np.ndarray, body: np.ndarray, target: np.ndarray) -> None:
         """Put the ground under the target, with the soft shadow of what stands near it, fading into the background."""
