@@ -13,14 +13,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, map_coordinates
+from scipy.ndimage import distance_transform_edt
 from skimage.measure import marching_cubes
 
+from garments.landmarks import Landmarks
 from garments.surface import DenseSurface
 from geometry.proximity import SurfaceQuery
 
 COARSEST_GRID, FINEST_GRID = 0.012, 0.004
 """Limits of the grid's spacing [m]."""
+
+EXACT_CELLS = 2.0
+"""Exact distances reach this many cells to either side of a level: one for marching cubes, one for the rough guess."""
 
 GRID_PER_EDGE = 0.5
 """Grid spacing as a share of the garment's edge length; above 0.6 the clusters see the grid's steps."""
@@ -49,11 +53,6 @@ class DistanceField:
         """The same grid with other values, shape [NX, NY, NZ]."""
         return DistanceField(values, self.origin, self.spacing)
 
-    def sample(self, points: np.ndarray) -> np.ndarray:
-        """Trilinear values [m] at ``points [N, 3]``, clamped to the grid, shape [N]."""
-        index = (points - self.origin).T / self.spacing
-        return map_coordinates(self.values, index, order=1, mode="nearest")
-
     def level_surface(self, level: float = 0.0) -> DenseSurface:
         """Marching cubes at ``level`` [m], normals pointing to larger values; open where it leaves the grid."""
         if not self.values.min() < level < self.values.max():
@@ -72,51 +71,50 @@ def grid_spacing(edge: float) -> float:
     return float(np.clip(GRID_PER_EDGE * edge, FINEST_GRID, COARSEST_GRID))
 
 
-def body_field(
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-    spacing: float,
-    reach: tuple[float, float],
+def empty_grid(low: np.ndarray, high: np.ndarray, spacing: float) -> DistanceField:
+    """A grid over the box ``low``..``high`` [m] whose values are not known yet."""
+    shape = tuple(np.ceil((np.asarray(high) - np.asarray(low)) / spacing).astype(int) + 1)
+    return DistanceField(np.full(shape, np.nan), np.asarray(low, dtype=np.float64), spacing)
+
+
+def eased_field(
+    grid: DistanceField, marks: Landmarks, covered: np.ndarray, gap: np.ndarray, bridged: np.ndarray, close: float
 ) -> DistanceField:
-    """Signed distance of a closed mesh on the grid over the box ``low``..``high``.
+    """A field whose zero level stands off the body by ``gap``, and off its closing where hollows are bridged.
 
     Args:
-        vertices: Body vertices [m], shape [B, 3].
-        faces: Outward-oriented closed triangles, shape [F, 3].
-        low, high: Corners of the box [m], shape [3].
-        spacing: Grid spacing [m].
-        reach: Lowest and highest distance [m] at which the values must be exact.
+        grid: Grid over the part of the body to cover.
+        marks: The body.
+        covered: Faces that distances are measured to, shape [G, 3]; what is inside the body is told by all its faces.
+        gap: Distance of the garment from the (closed) body at each grid point [m], shape [NX, NY, NZ].
+        bridged: 1 where the closing replaces the body, 0 where the body itself counts, else a blend; same shape.
+        close: Radius of the closing ball [m].
     """
-    origin = np.asarray(low, dtype=np.float64)
-    shape = tuple(np.ceil((np.asarray(high) - origin) / spacing).astype(int) + 1)
-    grid = DistanceField(np.empty(shape), origin, spacing)
-    inside = _occupancy(vertices, faces, grid)
-    rough = _rough_distance(inside, spacing)
-    shell = (rough > reach[0] - 2 * spacing) & (rough < reach[1] + 2 * spacing)
-    rough[shell] = SurfaceQuery(faces, len(vertices)).query(grid.points()[shell], vertices).distance
-    return grid.with_values(rough)
+    near = EXACT_CELLS * grid.spacing
+    inside = _occupancy(marks.vertices, marks.faces, grid)
+    body = _rough_distance(inside, grid.spacing)
+    # Exact at the dilated surface, and where the garment will be: a blend with the closing can sit anywhere up to it.
+    highest = np.where(bridged > 0.0, np.maximum(gap, close), gap)
+    wanted = np.abs(body - close) < near
+    wanted |= (bridged < 1.0) & (body > gap - near) & (body < highest + near)
+    body[wanted] = _exact_distance(grid, wanted, inside, marks.vertices, covered)
+
+    # The closing is what a ball cannot reach from outside: the distance to the dilated surface, less the radius.
+    dilated = grid.with_values(body).level_surface(close)
+    inside = body < close
+    closed = _rough_distance(inside, grid.spacing) + close
+    lowest = np.where(bridged < 1.0, gap - close, gap)
+    wanted = (bridged > 0.0) & (closed > lowest - near) & (closed < gap + near)
+    closed[wanted] = _exact_distance(grid, wanted, inside, dilated.vertices, dilated.faces) + close
+    return grid.with_values(body + bridged * (closed - body) - gap)
 
 
-def closed_field(field: DistanceField, radius: float, reach: tuple[float, float]) -> DistanceField:
-    """Signed distance of the closing of a body by a ball.
-
-    The closing is what a ball of that radius cannot reach from outside: the distance to the dilated surface, less the
-    radius.
-
-    Args:
-        field: Signed distance, exact near ``radius``.
-        radius: Radius of the closing ball [m].
-        reach: Lowest and highest distance [m] from the closed body at which the values must be exact.
-    """
-    dilated = field.level_surface(radius)
-    inside = field.values < radius
-    closed = _rough_distance(inside, field.spacing) + radius
-    shell = (closed > reach[0] - 2 * field.spacing) & (closed < reach[1] + 2 * field.spacing)
-    exact = SurfaceQuery(dilated.faces, len(dilated.vertices)).query(field.points()[shell], dilated.vertices)
-    closed[shell] = np.abs(exact.distance) * np.where(inside[shell], -1.0, 1.0) + radius
-    return field.with_values(closed)
+def _exact_distance(
+    grid: DistanceField, wanted: np.ndarray, inside: np.ndarray, vertices: np.ndarray, faces: np.ndarray
+) -> np.ndarray:
+    """Distances [m] of the wanted grid points to a surface, signed by occupancy: right for open surfaces too."""
+    hits = SurfaceQuery(faces, len(vertices)).query(grid.points()[wanted], vertices)
+    return np.abs(hits.distance) * np.where(inside[wanted], -1.0, 1.0)
 
 
 def _rough_distance(inside: np.ndarray, spacing: float) -> np.ndarray:

@@ -23,6 +23,8 @@ SHOULDERS, ELBOWS, WRISTS = (16, 17), (18, 19), (20, 21)
 ARM_JOINTS = (16, 17, 18, 19, 20, 21, 22, 23)
 """Upper arms to hands, left and right; the collars belong to the trunk."""
 
+FOOT_JOINTS = (7, 8, 10, 11)
+
 
 @dataclass(frozen=True)
 class Landmarks:
@@ -33,6 +35,7 @@ class Landmarks:
         joints: Joints [m], shape [24, 3].
         faces: All faces, shape [F, 3].
         trunk_faces: Faces without the arms, shape [G, 3].
+        leg_faces: Trunk faces without the feet, which would push a wide hem forward, shape [H, 3].
         arm_weight: Summed skin weight of the arms, shape [B].
         waist: Height of the natural waist (smallest girth between hips and ribs) [m].
         crotch: Height of the lowest trunk point in the symmetry plane [m].
@@ -44,6 +47,7 @@ class Landmarks:
     joints: np.ndarray
     faces: np.ndarray
     trunk_faces: np.ndarray
+    leg_faces: np.ndarray
     arm_weight: np.ndarray
     waist: float
     crotch: float
@@ -66,6 +70,7 @@ def find_landmarks(body: Body) -> Landmarks:
     joints = np.asarray(body.joints, dtype=np.float64)
     arm_weight = (np.asarray(body.skin_weight) * np.isin(body.skin_index, ARM_JOINTS)).sum(axis=1)
     trunk_faces = faces[arm_weight[faces].max(axis=1) < 0.5]
+    foot_weight = (np.asarray(body.skin_weight) * np.isin(body.skin_index, FOOT_JOINTS)).sum(axis=1)
     hips = joints[[LEFT_HIP, RIGHT_HIP], 1].mean()
     heights = np.linspace(hips + 0.35 * (joints[SPINE3, 1] - hips), joints[SPINE3, 1], 25)
     girth = [_perimeter(_hull(slice_points(vertices, trunk_faces, y), y)) for y in heights]
@@ -78,6 +83,7 @@ def find_landmarks(body: Body) -> Landmarks:
         joints=joints,
         faces=faces,
         trunk_faces=trunk_faces,
+        leg_faces=trunk_faces[foot_weight[trunk_faces].max(axis=1) < 0.5],
         arm_weight=arm_weight,
         waist=float(heights[int(np.argmin(girth))]),
         crotch=float(trunk[:, 0].min()),

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from garments.distance_field import body_field, closed_field, grid_spacing
+from garments.distance_field import eased_field, empty_grid, grid_spacing
 from garments.ease import smooth_step, triangle_sag, waist_gap
 from garments.landmarks import PELVIS, Landmarks
 from garments.spec import GarmentSpec
 from garments.surface import DenseSurface
+
+SLOT_DEPTH, SLOT_HALF_WIDTH = 0.06, 0.006
+"""Air between wide legs: depth of its top under the crotch and half its width [m]."""
 
 CROTCH_EASE = 0.006
 """Gap of the fabric at the inner thighs just under the crotch [m]."""
@@ -38,19 +41,19 @@ def pants_surface(spec: GarmentSpec, marks: Landmarks, edge: float) -> DenseSurf
     trunk = trunk[(trunk[:, 1] > hem) & (trunk[:, 1] < marks.waist)]
     low, high = trunk.min(axis=0) - margin, trunk.max(axis=0) + margin
     low[1], high[1] = hem - 4 * spacing, marks.waist + margin
-    body = body_field(marks.vertices, marks.faces, low, high, spacing, (0.0, max(close, widest)))
-    closed = closed_field(body, close, (0.0, widest))
-
-    points = body.points()
+    grid = empty_grid(low, high, spacing)
+    points = grid.points()
     x, y = np.abs(points[..., 0] - marks.joints[PELVIS, 0]), points[..., 1]
     gap = waist_gap(y, marks.waist, ease)
     near_crotch = smooth_step((marks.crotch + 0.10 - y) / 0.08) * smooth_step((y - marks.crotch + 0.20) / 0.10)
     inner = near_crotch * (1.0 - smooth_step((x - 0.01) / 0.07))
     gap += inner * (min(CROTCH_EASE + sag, ease) - gap) + flare * np.maximum(marks.crotch - y, 0.0)
     bridged = smooth_step((y - marks.crotch + 0.02) / 0.05)
-    field = body.with_values(body.values + bridged * (closed.values - body.values) - gap)
-
-    surface = field.level_surface()
+    field = eased_field(grid, marks, marks.leg_faces, gap, bridged, close)
+    # Wide legs would grow together: keep a slot of air in the symmetry plane, from where the thighs leave room for it.
+    below_slot = np.maximum(y - (marks.crotch - SLOT_DEPTH), 0.0)
+    slot = SLOT_HALF_WIDTH - np.hypot(x, below_slot)
+    surface = field.with_values(np.maximum(field.values, slot)).level_surface()
     surface = surface.clipped(hem - surface.vertices[:, 1])
     surface = surface.clipped(surface.vertices[:, 1] - marks.waist)
     return surface.largest_component()

@@ -10,6 +10,8 @@ Isotropic triangles matter to the simulation: a bending energy's error depends o
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pyvista as pv
 from pyacvd import Clustering
@@ -21,6 +23,10 @@ from geometry.topology import MeshTopology, edge_lengths, face_angles, face_norm
 
 POINTS_PER_CLUSTER = 24
 """Dense vertices per cluster at least; fewer leave ragged clusters and crooked duals."""
+
+ATTEMPTS = 5
+GOOD_ANGLE = 25.0
+"""Clusterings tried; the first whose smallest angle [degrees] is good ends the search, else the best is taken."""
 
 SMOOTHING_ROUNDS = 8
 SMOOTHING_STEPS = 5
@@ -43,31 +49,42 @@ def remesh(surface: DenseSurface, count: int, loops: int) -> tuple[np.ndarray, n
     """
     curves = surface.boundary_curves()
     if len(curves) != loops:
-        raise ValueError(f"the surface has {len(curves)} boundary curves, expected {loops}")
-    clustering = Clustering(_polydata(surface))
-    while clustering.mesh.n_points < POINTS_PER_CLUSTER * count:
-        clustering.subdivide(1)
-    reason = ""
-    # Cleaning may drop vertices, and a rare cluster is ring-shaped: neighbouring counts give other clusters.
+        raise ValueError(
+            f"its openings run into each other ({len(curves)} instead of {loops}): lower ease and close, or change lengths"
+        )
+    clustering = _clustering(surface, POINTS_PER_CLUSTER * count)
+    reason, best, best_angle = "the count was not met", None, 0.0
+    # Cleaning may drop vertices, and a rare cluster is ring-shaped or pinched: neighbouring counts give other clusters.
     wanted = count
-    for _ in range(8):
+    for _ in range(ATTEMPTS):
         vertices, faces = _dual_mesh(clustering, wanted)
-        reason = _topology_fault(vertices, faces, loops)
+        fault = _topology_fault(vertices, faces, loops)
         missing = count - len(vertices)
-        if not reason and missing == 0:
-            return _relaxed(surface, curves, vertices, faces)
-        wanted += missing if missing else 1
-        if not reason and abs(missing) <= max(4, count // 100):
-            vertices, faces = _adjusted(vertices, faces, count)
-            return _relaxed(surface, curves, vertices, faces)
-    raise ValueError(
-        f"remeshing to {count} vertices failed: {reason or 'the count was not met'}; ask for more vertices"
-    )
+        if fault:
+            reason = fault
+        elif abs(missing) <= max(4, count // 100):
+            vertices, faces = _relaxed(surface, curves, *_adjusted(vertices, faces, count))
+            angle = float(np.degrees(face_angles(vertices, faces).min()))
+            if angle > best_angle:
+                best, best_angle = (vertices, faces), angle
+            if angle >= GOOD_ANGLE:
+                break
+        wanted += 1 if fault or abs(missing) <= 1 else missing
+    if best is None:
+        raise ValueError(f"remeshing to {count} vertices failed ({reason}): ask for more vertices")
+    return best
 
 
-def _polydata(surface: DenseSurface) -> pv.PolyData:
+def _clustering(surface: DenseSurface, points: int) -> Clustering:
+    """A clustering over the surface, subdivided until it has enough points."""
     cells = np.column_stack([np.full(len(surface.faces), 3), surface.faces])
-    return pv.PolyData(surface.vertices, cells.reshape(-1))
+    with warnings.catch_warnings():
+        # pyacvd reads an attribute that pyvista has renamed; nothing that a user could act on.
+        warnings.simplefilter("ignore", pv.PyVistaDeprecationWarning)
+        clustering = Clustering(pv.PolyData(surface.vertices, cells.reshape(-1)))
+        while clustering.mesh.n_points < points:
+            clustering.subdivide(1)
+    return clustering
 
 
 def _dual_mesh(clustering: Clustering, count: int) -> tuple[np.ndarray, np.ndarray]:

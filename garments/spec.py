@@ -32,8 +32,8 @@ MEASURES: dict[str, dict[str, Measure]] = {
     },
     "tshirt": {
         "length": Measure("neck joint to hem [m]; from the body: to the hip joints", None, 0.35, 0.9),
-        "ease": Measure("gap to the body at the chest [m]", 0.012, 0.004, 0.06),
-        "flare": Measure("growth of the gap per metre below the armpits [m/m]", 0.05, 0.0, 0.3),
+        "ease": Measure("gap to the body at the chest [m]", 0.012, 0.004, 0.03),
+        "flare": Measure("growth of the gap per metre below the armpits [m/m]", 0.05, 0.0, 0.15),
         "sleeve": Measure(
             "shoulder joint to sleeve hem [m]; from the body: just past the middle of the upper arm", None, 0.08, 0.55
         ),
@@ -43,7 +43,7 @@ MEASURES: dict[str, dict[str, Measure]] = {
     "pants": {
         "length": Measure("waist to hem [m]; from the body: just above the ankles", None, 0.25, 1.2),
         "ease": Measure("gap to the body at hips and legs [m]", 0.012, 0.004, 0.05),
-        "flare": Measure("growth of the gap per metre below the crotch [m/m]", 0.03, 0.0, 0.15),
+        "flare": Measure("growth of the gap per metre below the crotch [m/m]", 0.03, 0.0, 0.10),
         "close": Measure(CLOSE, 0.030, 0.015, 0.06),
     },
 }

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from garments.distance_field import body_field, closed_field, grid_spacing
+from garments.distance_field import eased_field, empty_grid, grid_spacing
 from garments.ease import smooth_step, triangle_sag
 from garments.landmarks import ELBOWS, HEAD, LEFT_HIP, NECK, RIGHT_HIP, SHOULDERS, WRISTS, Landmarks, slice_points
 from garments.spec import GarmentSpec
@@ -28,7 +28,7 @@ NECK_ROUNDING = 0.04
 """Radius scale of the corner between the neckline's sides and its lowest point [m]."""
 
 ARM_REACH = 0.13
-"""Everything nearer than this to the arm's line and beyond the sleeve hem is cut away [m]."""
+"""Everything nearer than this to the bare arm's bones and beyond the sleeve hem is cut away [m]."""
 
 
 def tshirt_surface(spec: GarmentSpec, marks: Landmarks, edge: float) -> DenseSurface:
@@ -47,27 +47,23 @@ def tshirt_surface(spec: GarmentSpec, marks: Landmarks, edge: float) -> DenseSur
     arms = [_Sleeve(spec, joints[SHOULDERS[s]], joints[ELBOWS[s]], joints[WRISTS[s]]) for s in (0, 1)]
 
     spacing = grid_spacing(edge)
-    margin = close + 4 * spacing
+    widest = ease + flare * length
+    margin = max(close, widest) + 4 * spacing
     trunk = marks.vertices[marks.trunk_faces.reshape(-1)]
     trunk = trunk[(trunk[:, 1] > hem) & (trunk[:, 1] < neck[1])]
     ends = np.stack([arm.end for arm in arms])
     low = np.minimum(trunk.min(axis=0), ends.min(axis=0) - ARM_REACH / 2) - margin
     high = np.maximum(trunk.max(axis=0), ends.max(axis=0) + ARM_REACH / 2) + margin
     low[1], high[1] = hem - margin, joints[HEAD, 1]
-    widest = ease + flare * length
-    body = body_field(marks.vertices, marks.faces, low, high, spacing, (0.0, max(close, widest)))
-    closed = closed_field(body, close, (0.0, widest))
-
-    points = body.points()
+    grid = empty_grid(low, high, spacing)
+    y = grid.points()[..., 1]
     armpit = joints[list(SHOULDERS), 1].mean() - 0.10
     shoulder = min(SHOULDER_EASE + sag, ease)
-    gap = shoulder + (ease - shoulder) * smooth_step((armpit + 0.12 - points[..., 1]) / 0.12)
-    gap += flare * np.maximum(armpit - points[..., 1], 0.0)
+    gap = shoulder + (ease - shoulder) * smooth_step((armpit + 0.12 - y) / 0.12)
+    gap += flare * np.maximum(armpit - y, 0.0)
     # The closing would bridge shoulder and neck and widen the neckline: none near the neck, all of it 10 cm lower.
-    bridged = smooth_step((neck[1] - 0.01 - points[..., 1]) / 0.10)
-    field = body.with_values(body.values + bridged * (closed.values - body.values) - gap)
-
-    surface = field.level_surface()
+    bridged = smooth_step((neck[1] - 0.01 - y) / 0.10)
+    surface = eased_field(grid, marks, marks.faces, gap, bridged, close).level_surface()
     surface = surface.clipped(hem - surface.vertices[:, 1])
     for arm in arms:
         surface = surface.clipped(arm.beyond(surface.vertices))
@@ -89,13 +85,22 @@ class _Sleeve:
         on_upper = length <= upper
         self.direction = (elbow - shoulder) / upper if on_upper else (wrist - elbow) / fore
         self.end = shoulder + length * self.direction if on_upper else elbow + (length - upper) * self.direction
+        # The bare arm: from the sleeve's end along the bones, the hand being as far again as half the forearm.
+        fingers = wrist + 0.6 * (wrist - elbow)
+        self.bare = [(self.end, elbow), (elbow, fingers)] if on_upper else [(self.end, fingers)]
 
     def beyond(self, points: np.ndarray) -> np.ndarray:
         """Positive [m] for points of the arm past the sleeve's end, shape [N]."""
-        offset = points - self.end
-        along = offset @ self.direction
-        across = np.linalg.norm(offset - along[:, None] * self.direction, axis=1)
-        return np.minimum(along, ARM_REACH - across)
+        along = (points - self.end) @ self.direction
+        away = np.min([_segment_distance(points, start, end) for start, end in self.bare], axis=0)
+        return np.minimum(along, ARM_REACH - away)
+
+
+def _segment_distance(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Distances [m] of points [N, 3] from a straight segment, shape [N]."""
+    side = end - start
+    where = np.clip((points - start) @ side / max(side @ side, 1e-12), 0.0, 1.0)
+    return np.linalg.norm(points - start - where[:, None] * side, axis=1)
 
 
 def _inside_neckline(spec: GarmentSpec, marks: Landmarks, points: np.ndarray) -> np.ndarray:
