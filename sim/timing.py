@@ -65,7 +65,7 @@ def time_solvers(
     lead_in: int,
     parameters: Mapping[str, float],
     frames: int,
-    fps: float = 30.0,
+    implicit: ImplicitSettings,
     warm_up: int = 2,
     strain_limits: tuple[float, float] | None = (0.95, 1.05),
 ) -> list[Row]:
@@ -83,7 +83,7 @@ def time_solvers(
         lead_in: Number L of leading frames.
         parameters: Every intrinsic parameter by name; ``substeps`` is the XPBD solver's.
         frames: Recorded frames to time after the warm-up.
-        fps: Frames a second of the clip [1/s].
+        implicit: Settings of the implicit solver; its frame rate is the clip's.
         warm_up: Recorded frames before the timed ones.
         strain_limits: Limits for a further row of the implicit solver, as ARCSim's materials use them; None: no such
             row.
@@ -103,13 +103,12 @@ def time_solvers(
     pose, root = pose[:needed], root[:needed]
     clip = (template, body, pose, root, lead_in, parameters)
 
-    fast = simulate_clip(*clip, SimulationSettings(fps=fps, device="cpu"))
+    fast = simulate_clip(*clip, SimulationSettings(fps=implicit.fps, device="cpu"))
     rows = [_row("XPBD", template, fast, warm_up)]
-    settings = ImplicitSettings(fps=fps)
-    plain = simulate_clip_implicit(*clip, settings)
+    plain = simulate_clip_implicit(*clip, implicit)
     rows.append(_row("implicit Euler", template, plain, warm_up))
     if strain_limits is not None:
-        limited = simulate_clip_implicit(*clip, replace(settings, strain_limits=strain_limits))
+        limited = simulate_clip_implicit(*clip, replace(implicit, strain_limits=strain_limits))
         low, high = strain_limits
         rows.append(_row(f"implicit Euler, strain limits {low:g}-{high:g}", template, limited, warm_up))
     return rows

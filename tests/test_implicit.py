@@ -318,7 +318,17 @@ def test_dressed_body_keeps_the_skirt_outside_and_agrees_with_xpbd(dressed):
 
 def test_timing_has_a_row_for_each_solver(dressed):
     template, body, pose, root, _ = dressed
-    rows = time_solvers(template, body, pose, root, 2, base_parameters({"substeps": 4}), frames=3, warm_up=1)
+    rows = time_solvers(
+        template,
+        body,
+        pose,
+        root,
+        2,
+        base_parameters({"substeps": 4}),
+        frames=3,
+        implicit=ImplicitSettings(),
+        warm_up=1,
+    )
     assert [row["solver"].split(",")[0] for row in rows] == ["XPBD", "implicit Euler", "implicit Euler"]
     for row in rows:
         assert row["frames"] == 3 and row["vertices"] == 320 and row["threads"] == 1
@@ -326,7 +336,9 @@ def test_timing_has_a_row_for_each_solver(dressed):
     assert all("measured in this run" not in row["source"] for row in PUBLISHED_ARCSIM)
     assert set(PUBLISHED_ARCSIM[0]) <= set(rows[0])
     with pytest.raises(ValueError, match=r"105 frames are needed .* the clip has 14"):
-        time_solvers(template, body, pose, root, 2, base_parameters(), frames=100, warm_up=3)
+        time_solvers(
+            template, body, pose, root, 2, base_parameters(), frames=100, implicit=ImplicitSettings(), warm_up=3
+        )
 
 
 def test_bad_input_is_refused_in_one_sentence(dressed, sheet):
