@@ -61,7 +61,7 @@ class DistanceField:
                 f"{self.values.min():.4f}..{self.values.max():.4f} m"
             )
         vertices, faces, _, _ = marching_cubes(
-            self.values, level, spacing=(self.spacing,) * 3, gradient_direction="ascent"
+            self.values, level, spacing=(self.spacing,) * 3, gradient_direction="descent"
         )
         return DenseSurface(vertices.astype(np.float64) + self.origin, faces.astype(np.int64))
 
@@ -113,6 +113,8 @@ def _exact_distance(
     grid: DistanceField, wanted: np.ndarray, inside: np.ndarray, vertices: np.ndarray, faces: np.ndarray
 ) -> np.ndarray:
     """Distances [m] of the wanted grid points to a surface, signed by occupancy: right for open surfaces too."""
+    if not wanted.any():
+        return np.zeros(0)
     hits = SurfaceQuery(faces, len(vertices)).query(grid.points()[wanted], vertices)
     return np.abs(hits.distance) * np.where(inside[wanted], -1.0, 1.0)
 

@@ -28,6 +28,9 @@ ATTEMPTS = 5
 GOOD_ANGLE = 25.0
 """Clusterings tried; the first whose smallest angle [degrees] is good ends the search, else the best is taken."""
 
+FLIP_ROUNDS = 20
+"""Passes of flips at most: each flips edges that do not touch."""
+
 SMOOTHING_ROUNDS = 8
 SMOOTHING_STEPS = 5
 """Rounds of flips, steps of tangential smoothing per round; re-projected once a round."""
@@ -50,7 +53,8 @@ def remesh(surface: DenseSurface, count: int, loops: int) -> tuple[np.ndarray, n
     curves = surface.boundary_curves()
     if len(curves) != loops:
         raise ValueError(
-            f"its openings run into each other ({len(curves)} instead of {loops}): lower ease and close, or change lengths"
+            f"its openings run into each other ({len(curves)} instead of {loops}): lower ease and close, "
+            "or change lengths"
         )
     clustering = _clustering(surface, POINTS_PER_CLUSTER * count)
     reason, best, best_angle = "the count was not met", None, 0.0
@@ -155,7 +159,7 @@ def _relaxed(
     vertices = vertices.copy()
     for loop, place in _matched_loops(curves, vertices, faces):
         vertices[loop] = place
-    query = SurfaceQuery(surface.faces, len(surface.vertices))
+    dense = SurfaceQuery(surface.faces, len(surface.vertices)).at(surface.vertices)
     for _ in range(SMOOTHING_ROUNDS):
         faces = delaunay_flips(vertices, faces)
         topology = MeshTopology.from_faces(faces, len(vertices))
@@ -167,7 +171,7 @@ def _relaxed(
             step = -0.5 * (laplacian @ vertices)
             step -= (step * normal).sum(axis=1, keepdims=True) * normal
             vertices[inner] += step[inner]
-        vertices[inner] = query.query(vertices[inner], surface.vertices).point
+        vertices[inner] = dense.query(vertices[inner]).point
     faces = delaunay_flips(vertices, faces)
     return vertices, faces
 
@@ -204,9 +208,18 @@ def _even_places(curve: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(where, length, closed[:, k]) for k in range(3)], axis=1)
 
 
-def delaunay_flips(vertices: np.ndarray, faces: np.ndarray, rounds: int = 20) -> np.ndarray:
-    """Flip inner edges whose opposite angles sum to more than pi, where the surface allows it; faces [F, 3]."""
-    for _ in range(rounds):
+def delaunay_flips(vertices: np.ndarray, faces: np.ndarray, smallest_degree: int = 4) -> np.ndarray:
+    """Flip inner edges whose opposite angles sum to more than pi, where the surface allows it.
+
+    Args:
+        vertices: Positions [m], shape [V, 3].
+        faces: Triangles, shape [F, 3].
+        smallest_degree: Edges that a vertex keeps at least.
+
+    Returns:
+        The new triangles, shape [F, 3].
+    """
+    for _ in range(FLIP_ROUNDS):
         topology = MeshTopology.from_faces(faces, len(vertices))
         angle = face_angles(vertices, faces)
         hinge, owner = topology.hinges, topology.hinge_faces
@@ -217,7 +230,7 @@ def delaunay_flips(vertices: np.ndarray, faces: np.ndarray, rounds: int = 20) ->
         exists = np.isin(key, topology.edges[:, 0] * count + topology.edges[:, 1])
         degree = np.bincount(topology.edges.reshape(-1), minlength=len(vertices))
         # Slightly over zero, so that four points on a circle do not flip for ever.
-        wanted = (excess > 1e-3) & ~exists & (degree[hinge[:, :2]].min(axis=1) > 4)
+        wanted = (excess > 1e-3) & ~exists & (degree[hinge[:, :2]].min(axis=1) > smallest_degree)
         i, j, k, m = hinge.T
         new = np.stack([np.stack([i, m, k], axis=1), np.stack([m, j, k], axis=1)], axis=1)  # [H, 2, 3]
         old_normal = face_normals(vertices, faces)[owner].sum(axis=1)
