@@ -1,6 +1,7 @@
 """Arm poses by where the upper arm and the forearm point, and their course over a clip.
 
-Everything is written for the left arm in the frame of the chest (x outward, y up, z ahead); the right arm is its mirror image.
+Everything is written for the left arm in the frame of the chest (x outward, y up, z ahead); the right arm is its
+mirror image.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ class ArmPose:
     """One pose of an arm.
 
     Attributes:
-        shoulder: Rotation of the upper arm relative to the chest, from the zero pose (arm sideways, palm down), shape [3, 3].
+        shoulder: Rotation of the upper arm relative to the chest, from the zero pose (arm sideways, palm down), shape
+            [3, 3].
         elbow: Flexion [rad].
         twist: Rotation of the forearm about its axis [rad]; positive turns the palm of a hanging arm to the back.
         wrist: Flexion of the hand towards the palm [rad].
@@ -50,7 +52,8 @@ def arm_pose(
     along = np.asarray(upper, dtype=np.float64) / np.linalg.norm(upper)
     towards = np.asarray(fore, dtype=np.float64) / np.linalg.norm(fore)
     elbow = float(np.arccos(np.clip(along @ towards, -1.0, 1.0)))
-    # In the zero pose the left elbow bends ahead, about -y; a nearly straight arm takes its hinge from the hint instead.
+    # In the zero pose the left elbow bends ahead, about -y; a nearly straight arm takes its hinge from the hint
+    # instead.
     bending = towards - (towards @ along) * along
     fallback = np.asarray(hint, dtype=np.float64) - (np.asarray(hint) @ along) * along
     bending = bending + max(0.0, 0.25 - np.linalg.norm(bending)) * fallback

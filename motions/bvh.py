@@ -1,8 +1,8 @@
 """Reader for Biovision Hierarchy (BVH) motion capture files.
 
-The file is untrusted: every fault ends in one sentence with the line number, and sizes are limited before anything is allocated.
-Channels are applied in file order (R = R_first R_second R_third, intrinsic); position channels replace the joint's OFFSET, as in files that repeat
-the offset in every frame.
+The file is untrusted: every fault ends in one sentence with the line number, and sizes are limited before anything is
+allocated. Channels are applied in file order (R = R_first R_second R_third, intrinsic); position channels replace the
+joint's OFFSET, as in files that repeat the offset in every frame.
 """
 
 from __future__ import annotations
@@ -247,7 +247,9 @@ def _read_motion(reader: _Reader, skeleton: _Skeleton) -> BvhMotion:
     frames, fps = _read_timing(reader)
     width = sum(len(channels) for channels in skeleton.channels)
     if frames * len(skeleton.names) > MAX_JOINT_FRAMES:
-        raise ValueError(f"{reader.name}: {frames} frames of {len(skeleton.names)} joints are more than this program reads")
+        raise ValueError(
+            f"{reader.name}: {frames} frames of {len(skeleton.names)} joints are more than this program reads"
+        )
     rows = reader.rest()
     if len(rows) != frames:
         raise ValueError(f"{reader.name}, line {reader.last}: {frames} frames are announced but {len(rows)} are there")

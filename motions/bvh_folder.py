@@ -31,7 +31,7 @@ class Take:
     path: Path
 
     def clip_count(self, frames: int, fps: float) -> int:
-        """Number of consecutive clips of `frames` frames at `fps` [Hz] in the recording; only the file's head is read."""
+        """Number of consecutive clips of `frames` frames at `fps` [Hz]; only the head of the file is read."""
         recorded, rate = read_bvh_length(self.path)
         return (int((recorded - 1) / rate * fps + 1e-3) + 1) // frames
 
@@ -65,12 +65,13 @@ def list_takes(folder: str | Path, labels_csv: str | Path = "labels.csv") -> lis
 
     Args:
         folder: Folder of the recordings.
-        labels_csv: Comma-separated file with a header and at least the columns ``file`` (relative to the folder) and ``label``;
-            other columns are ignored. A relative path is looked up in the folder.
+        labels_csv: Comma-separated file with a header and at least the columns ``file`` (relative to the folder) and
+            ``label``; other columns are ignored. A relative path is looked up in the folder.
 
     Raises:
         FileNotFoundError: Folder or label file does not exist.
-        ValueError: A column is missing, or a row is empty, twice there, points outside the folder or to no file; with its line.
+        ValueError: A column is missing, or a row is empty, twice there, points outside the folder or to no file; with
+            its line.
     """
     folder = Path(folder)
     if not folder.is_dir():

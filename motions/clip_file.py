@@ -1,7 +1,8 @@
 """Batches of clips in one HDF5 file. This module alone knows the layout.
 
-Layout (version 1): attributes ``format``, ``version``, ``units``, ``clips`` (their number) on the file; one group ``clips/<index>`` per clip in
-batch order, with attributes ``name``, ``take``, ``label``, ``fps``, ``source`` and the datasets ``pose`` [T, 24, 3] and ``root`` [T, 3].
+Layout (version 1): attributes ``format``, ``version``, ``units``, ``clips`` (their number) on the file; one group
+``clips/<index>`` per clip in batch order, with attributes ``name``, ``take``, ``label``, ``fps``, ``source`` and the
+datasets ``pose`` [T, 24, 3] and ``root`` [T, 3].
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Feet that stay where they stand: a plan of steps, turned into ankle positions, foot rotations and toe flexion.
 
-Between two steps a foot does not slide: it lies flat, or rolls about its heel (toes up, after landing) or about the ball of the
-foot (heel up, before lifting). A step swings the ankle along a quintic that takes over the speed of the roll and arrives at
-rest, with a bump (height, and reach for kicks) on top.
+Between two steps a foot does not slide: it lies flat, or rolls about its heel (toes up, after landing) or about the
+ball of the foot (heel up, before lifting). A step swings the ankle along a quintic that takes over the speed of the
+roll and arrives at rest, with a bump (height, and reach for kicks) on top.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ class Step:
         point: Extra pitch in the middle of the swing, toes down [rad].
         early: Below 1 the bump comes early in the swing, above 1 late.
         ballistic: The height is a parabola: both feet fly with the body in a jump.
-        rise: Time [s] in which the foot is lifted and kept up, for standing on the other leg; None for an ordinary swing.
+        rise: Time [s] in which the foot is lifted and kept up, for standing on the other leg; None for an ordinary
+            swing.
     """
 
     lift: float
@@ -56,7 +57,7 @@ class Step:
 
 @dataclass
 class FootTrack:
-    """A foot over the frames of a clip: ankle [T, 3] [m], global rotation [T, 3, 3], toe flexion up [T] [rad], yaw [T] [rad], planted [T]."""
+    """A foot over time: ankle [T, 3] [m], global rotation [T, 3, 3], toes up [T] [rad], yaw [T] [rad], planted [T]."""
 
     ankle: np.ndarray
     rotation: np.ndarray
@@ -112,11 +113,11 @@ class FootPlan:
         track.toe[rows] = np.maximum(pitch, 0.0)
 
     def _rotation(self, yaw: np.ndarray, pitch: np.ndarray) -> np.ndarray:
-        """Rotation from the zero pose: the foot's own direction is undone first, so that yaw 0 points straight ahead."""
+        """Rotation from the zero pose; the foot's own direction is undone first: yaw 0 points straight ahead."""
         return rotation_about("y", yaw) @ rotation_about("x", pitch) @ rotation_about("y", -self.shape.natural_yaw)
 
     def _rolled(self, place: tuple[float, float], yaw: float, pitch: np.ndarray) -> np.ndarray:
-        """Ankle positions of a standing foot with a pitch: rolled about the ball (heel up) or the heel (toes up), [T, 3]."""
+        """Ankle positions [T, 3] of a standing foot rolled about its ball (heel up) or its heel (toes up)."""
         pivot = np.where(pitch[:, None] > 0.0, self.shape.ball, self.shape.heel)
         rolled = pivot - np.einsum("tij,tj->ti", rotation_about("x", pitch), pivot)
         flat = np.array([place[0], self.shape.ankle[1], place[1]])
@@ -165,7 +166,7 @@ class FootPlan:
 
 
 def _stance_pitch(times: np.ndarray, landed: float, lift: float, strike: float, push: float) -> np.ndarray:
-    """Pitch of a standing foot: the strike angle fades after landing, the push angle grows before lifting, shape [T]."""
+    """Pitch of a standing foot, shape [T]: the strike fades after landing, the push grows before lifting."""
     stance = lift - landed
     roll_in = min(ROLL_IN_SECONDS, 0.3 * stance)
     roll_out = min(ROLL_OUT_SECONDS, 0.5 * stance, 0.8 * lift)  # a clip starts with calm feet

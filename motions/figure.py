@@ -1,4 +1,4 @@
-"""Measurements of a body that the motion generator needs: bone offsets, soles of the feet, two-bone inverse kinematics."""
+"""Measurements of a body for the motion generator: bones, soles of the feet; inverse kinematics of a leg."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def solve_leg(
 
 
 def _frame(along: np.ndarray, beside: np.ndarray) -> np.ndarray:
-    """Right-handed frames with the first axis along one vector and the second in the half-plane of another, [T, 3, 3]."""
+    """Right-handed frames [T, 3, 3]: the first axis along one vector, the second in the half-plane of another."""
     first = along / np.linalg.norm(along, axis=-1, keepdims=True)
     second = beside - (beside * first).sum(-1, keepdims=True) * first
     second /= np.linalg.norm(second, axis=-1, keepdims=True)

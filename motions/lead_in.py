@@ -1,7 +1,8 @@
 """The way from the bind pose, in which a garment is built, into the first frame of a clip.
 
-A simulation starts with the garment on the body in its bind pose. The lead-in carries the body from there, at rest, to the first pose of the clip
-and arrives with that pose's velocity and acceleration, so that the cloth feels no jolt at frame 0.
+A simulation starts with the garment on the body in its bind pose. The lead-in carries the body from there, at rest,
+to the first pose of the clip and arrives with that pose's velocity and acceleration, so that the cloth feels no jolt
+at frame 0.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
 def lead_in(clip: Clip, body: Body, frames: int) -> tuple[np.ndarray, np.ndarray]:
     """Motion that ends one frame before the clip begins.
 
-    Every joint follows a quintic in the logarithm of its rotation relative to the bind pose: value, velocity and acceleration are zero at the
-    first frame and those of the clip at its first frame (Flash & Hogan 1985: the minimum-jerk curve between these two states).
+    Every joint follows a quintic in the logarithm of its rotation relative to the bind pose: value, velocity and
+    acceleration are zero at the first frame and those of the clip at its first frame (Flash & Hogan 1985: the
+    minimum-jerk curve between these two states).
 
     Args:
         clip: The clip to arrive in.
@@ -29,7 +31,8 @@ def lead_in(clip: Clip, body: Body, frames: int) -> tuple[np.ndarray, np.ndarray
         frames: Number of frames L of the lead-in at the clip's rate; its first frame is the bind pose itself.
 
     Returns:
-        Pose [rad], shape [L, 24, 3], and root [m], shape [L, 3], float32; ``concatenate([lead_pose, clip.pose])`` is smooth.
+        Pose [rad], shape [L, 24, 3], and root [m], shape [L, 3], float32; ``concatenate([lead_pose, clip.pose])`` is
+        smooth.
 
     Raises:
         ValueError: Fewer than 2 frames.
@@ -38,7 +41,8 @@ def lead_in(clip: Clip, body: Body, frames: int) -> tuple[np.ndarray, np.ndarray
         raise ValueError(f"A lead-in needs at least 2 frames, got {frames}")
     progress = np.arange(frames) / frames
     bind = Rotation.from_rotvec(np.asarray(body.bind_pose(), dtype=np.float64))
-    # Logarithms relative to the bind pose of the clip's first frames, where the boundary values are read off by differences.
+    # Logarithms relative to the bind pose of the clip's first frames, where the boundary values are read off by
+    # differences.
     ahead = np.stack(
         [(bind.inv() * Rotation.from_rotvec(pose)).as_rotvec() for pose in clip.pose[:3].astype(np.float64)]
     )
@@ -51,7 +55,7 @@ def lead_in(clip: Clip, body: Body, frames: int) -> tuple[np.ndarray, np.ndarray
 
 
 def _quintic(ahead: np.ndarray, progress: np.ndarray, frames: int) -> np.ndarray:
-    """Quintic from rest at zero to the state of `ahead` (values of the frames at 1, 1 + 1/L, 1 + 2/L), shape [L, ...]."""
+    """Quintic, shape [L, ...], from rest at zero to the state of `ahead` (values at 1, 1 + 1/L, 1 + 2/L)."""
     end = ahead[0]
     if len(ahead) > 2:
         velocity = (-3.0 * ahead[0] + 4.0 * ahead[1] - ahead[2]) / 2.0 * frames

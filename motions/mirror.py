@@ -18,7 +18,8 @@ def mirror_motion(pose: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.nd
         root: Root translations [m], shape [..., 3].
 
     Returns:
-        Pose and root of the same shapes. A reflection S maps R to S R S: of an axis-angle vector it keeps x and turns y, z.
+        Pose and root of the same shapes. A reflection S maps R to S R S: of an axis-angle vector it keeps x and turns
+        y, z.
     """
     return pose[..., mirrored_joint_order(), :] * np.float32([1, -1, -1]), root * np.float32([-1, 1, 1])
 
@@ -26,8 +27,8 @@ def mirror_motion(pose: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.nd
 def mirror(clip: Clip) -> Clip:
     """The clip with left and right exchanged; mirroring twice gives the clip back.
 
-    The words left and right in the label are exchanged as well. The take stays the same, so that a clip and its mirror image never land on
-    different sides of a split.
+    The words left and right in the label are exchanged as well. The take stays the same, so that a clip and its
+    mirror image never land on different sides of a split.
     """
     pose, root = mirror_motion(clip.pose, clip.root)
     name = clip.name.removesuffix(_SUFFIX) if clip.name.endswith(_SUFFIX) else clip.name + _SUFFIX

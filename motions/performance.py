@@ -1,7 +1,8 @@
-"""A performance: everything that moves during a clip, as a few readable curves, and its translation into SMPL joint rotations.
+"""A performance: everything that moves during a clip, as readable curves, and its solution as SMPL rotations.
 
-A family of motions (``motions/families``) starts from the standing performance and changes curves. The solver here then places the pelvis where both
-legs reach the ground, bends the legs by inverse kinematics so that planted feet stay where they are, and distributes the trunk's bend over the spine.
+A family of motions (``motions/families``) starts from the standing performance and changes curves. The solver here
+then places the pelvis where both legs reach the ground, bends the legs by inverse kinematics so that planted feet
+stay where they are, and distributes the trunk's bend over the spine.
 """
 
 from __future__ import annotations
@@ -54,7 +55,8 @@ class Performance:
         feet: Step plans of the left and right foot.
         arms: Left and right arm, relative to the chest.
         knees_out: Additional outward turn of the knees [rad], shape [T].
-        hang: How far the arms hang down when the trunk bends ahead (1) instead of staying fixed to the chest (0), shape [T].
+        hang: How far the arms hang down when the trunk bends ahead (1) instead of staying fixed to the chest (0),
+            shape [T].
     """
 
     times: np.ndarray
@@ -157,9 +159,13 @@ def _set_leg(
 
 def _set_arm(local: np.ndarray, performance: Performance, side: int, name: str, chest: np.ndarray) -> None:
     arm = performance.arms[side]
-    # A hanging arm points down in the world, so the chest's forward pitch is taken back for it.
+    # A hanging arm points down in the world, so the chest's forward pitch is taken back for it. Of a sideways lean only
+    # the lower arm's: there it would press into the hip, while the upper one lies along the body.
     pitch = np.arctan2(-chest[:, 1, 2], chest[:, 1, 1])
-    hanging = ArmTrack(arm.shoulder, arm.elbow, arm.twist, arm.wrist, arm.swing + performance.hang * pitch, arm.spread)
+    lowered = -np.arcsin(np.clip(chest[:, 1, 0], -1.0, 1.0)) * (1.0 if side == 0 else -1.0)
+    aside = 0.5 * (lowered + np.sqrt(lowered**2 + 0.01) - 0.1)
+    swing, spread = arm.swing + performance.hang * pitch, arm.spread + performance.hang * aside
+    hanging = ArmTrack(arm.shoulder, arm.elbow, arm.twist, arm.wrist, swing, spread)
     joints = hanging.rotations(side)
     for joint, rotation in zip(("collar", "shoulder", "elbow", "wrist"), joints):
         local[:, JOINT_INDEX[f"{name}_{joint}"]] = rotation

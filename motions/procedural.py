@@ -1,7 +1,7 @@
-"""Embedded labelled motions: every label is a family of motions with its options and a mood, every variant a new draw of the manner.
+"""Embedded labelled motions: a label is a family with its options and a mood, a variant a draw of the manner.
 
-Any number of variants exists, each a function of (label, variant, seed) alone, so that asking for more clips never changes the others. All clips begin
-as a calm stance; feet do not slide; joint speeds stay below ``MAX_JOINT_SPEED``.
+Any number of variants exists, each a function of (label, variant, seed) alone, so that asking for more clips never
+changes the others. All clips begin as a calm stance; feet do not slide; joint speeds stay below ``MAX_JOINT_SPEED``.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from body.model import Body
 from motions.clip import Clip
-from motions.families import dance, exercise, gait, gesture
+from motions.families import dance, exercise, gait, gesture, jump, strike
 from motions.figure import Figure
 from motions.performance import solve
 from motions.quality import joint_velocity
@@ -44,25 +44,25 @@ _DEFAULT: dict[str, Recipe] = {
     "wave-left": _recipe(gesture.wave, side="left"),
     "squat": _recipe(exercise.squat),
     "dance-sway": _recipe(dance.sway),
-    "jump": _recipe(exercise.hop),
+    "jump": _recipe(jump.hop),
     "turn-left": _recipe(gait.travel, gait="turn", direction="left"),
     "run": _recipe(gait.travel, gait="run"),
     "bow": _recipe(exercise.bow),
     "twist": _recipe(exercise.twist),
     "raise-arms": _recipe(gesture.raise_arms, way="side"),
     "sidestep-left": _recipe(gait.travel, gait="sidestep", direction="left"),
-    "kick": _recipe(exercise.kick, way="front"),
+    "kick": _recipe(strike.kick, way="front"),
     "march": _recipe(gait.travel, gait="march"),
     "wave-right": _recipe(gesture.wave, side="right"),
     "dance-step": _recipe(dance.side_steps),
-    "jumping-jack": _recipe(exercise.hop, spread=0.2, arms="jack", height=0.09, crouch=0.1, pause=0.0),
+    "jumping-jack": _recipe(jump.hop, spread=0.2, arms="jack", height=0.09, crouch=0.1, pause=0.0),
     "walk-back": _recipe(gait.travel, gait="walk-back"),
-    "throw": _recipe(exercise.throw, way="over"),
+    "throw": _recipe(strike.throw, way="over"),
     "turn-right": _recipe(gait.travel, gait="turn", direction="right"),
     "lunge": _recipe(exercise.lunge, way="front"),
     "stretch": _recipe(gesture.stretch, way="up"),
     "sidestep-right": _recipe(gait.travel, gait="sidestep", direction="right"),
-    "punch": _recipe(exercise.punch),
+    "punch": _recipe(strike.punch),
     "hip-circle": _recipe(exercise.trunk_circle, part="hips"),
     "clap": _recipe(gesture.clap),
     "wave-both": _recipe(gesture.wave, side="both"),
@@ -120,21 +120,21 @@ _FURTHER: dict[str, Recipe] = {
     "bow-deep": _recipe(exercise.bow, angle=1.4, hold=0.7),
     "nod-bow": _recipe(exercise.bow, angle=0.35, hold=0.1),
     "curtsy": _recipe(exercise.bow, angle=0.3, hold=0.4, style="curtsy"),
-    "jump-forward": _recipe(exercise.hop, ahead=0.4, height=0.16),
-    "jump-turn": _recipe(exercise.hop, turn=1.2, height=0.17),
-    "jump-high": _recipe(exercise.hop, "happy", height=0.34, crouch=0.32),
-    "skip-rope": _recipe(exercise.hop, height=0.06, crouch=0.07, pause=0.0, arms="rope"),
-    "hop-one-leg": _recipe(exercise.hop, height=0.08, crouch=0.1, legs="one", arms="rest", pause=0.0),
-    "punch-left": _recipe(exercise.punch, arms="left"),
-    "punch-right": _recipe(exercise.punch, arms="right"),
-    "hook": _recipe(exercise.punch, way="hook"),
-    "uppercut": _recipe(exercise.punch, way="uppercut"),
-    "kick-left": _recipe(exercise.kick, way="front", side="left"),
-    "kick-right": _recipe(exercise.kick, way="front", side="right"),
-    "kick-side": _recipe(exercise.kick, way="side"),
-    "kick-back": _recipe(exercise.kick, way="back"),
-    "knee-raise": _recipe(exercise.kick, way="knee"),
-    "throw-under": _recipe(exercise.throw, way="under"),
+    "jump-forward": _recipe(jump.hop, ahead=0.4, height=0.16),
+    "jump-turn": _recipe(jump.hop, turn=1.2, height=0.17),
+    "jump-high": _recipe(jump.hop, "happy", height=0.34, crouch=0.32),
+    "skip-rope": _recipe(jump.hop, height=0.06, crouch=0.07, pause=0.0, arms="rope"),
+    "hop-one-leg": _recipe(jump.hop, height=0.08, crouch=0.1, legs="one", arms="rest", pause=0.0),
+    "punch-left": _recipe(strike.punch, arms="left"),
+    "punch-right": _recipe(strike.punch, arms="right"),
+    "hook": _recipe(strike.punch, way="hook"),
+    "uppercut": _recipe(strike.punch, way="uppercut"),
+    "kick-left": _recipe(strike.kick, way="front", side="left"),
+    "kick-right": _recipe(strike.kick, way="front", side="right"),
+    "kick-side": _recipe(strike.kick, way="side"),
+    "kick-back": _recipe(strike.kick, way="back"),
+    "knee-raise": _recipe(strike.kick, way="knee"),
+    "throw-under": _recipe(strike.throw, way="under"),
     "lunge-side": _recipe(exercise.lunge, way="side"),
     "lunge-back": _recipe(exercise.lunge, way="back"),
     "trunk-circle": _recipe(exercise.trunk_circle, part="trunk"),

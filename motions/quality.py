@@ -1,4 +1,4 @@
-"""Figures that say whether a motion can be believed: sliding feet, feet in the ground or above it, joint speed, jerk."""
+"""Figures that say whether a motion can be believed: sliding feet, feet in the ground, joint speed, jerk."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ class MotionQuality:
     """Quality figures of one clip; the ground is the plane y = 0.
 
     Attributes:
-        skate_m_s: 99th percentile over frames and feet of the horizontal speed of a touching foot [m/s]; the foot's speed is the lower quartile over
-            the points of the sole that touch in both frames (a rolling foot does not slide), and 0 without contact.
+        skate_m_s: 99th percentile over frames and feet of the horizontal speed of a touching foot [m/s]; the foot's
+            speed is the lower quartile over the points of the sole that touch in both frames (a rolling foot does not
+            slide), and 0 without contact.
         penetration_m: Deepest point of a foot below the ground over the clip [m].
         floating_m: Largest height of the lowest point of both feet over the clip [m]; large in a jump.
         joint_speed_rad_s: Largest speed of a joint's local rotation [rad/s].
@@ -60,7 +61,7 @@ def measure(clip: Clip, body: Body) -> MotionQuality:
 
 
 def joint_velocity(pose: np.ndarray, fps: float) -> np.ndarray:
-    """Angular velocities of the local joint rotations between frames, in the joint's own axes [rad/s], shape [T - 1, 24, 3]."""
+    """Angular velocities of the local joint rotations, in the joint's axes [rad/s], shape [T - 1, 24, 3]."""
     rotation = Rotation.from_rotvec(np.asarray(pose, dtype=np.float64).reshape(-1, 3))
     joints = pose.shape[1]
     step = rotation[:-joints].inv() * rotation[joints:]

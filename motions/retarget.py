@@ -2,9 +2,9 @@
 
 Two kinds of rigs are understood:
 
-- the Bandai-Namco rig, whose zero pose is meaningless (all bones along x): a table gives each joint's axes in the T-pose;
-- any rig with usual joint names whose zero pose is a standing person (arms anywhere): the directions of its limbs, read from the
-  file's own offsets, are matched with those of the body's T-pose.
+- the Bandai-Namco rig, whose zero pose is meaningless (all bones along x): a table gives the T-pose axes of a joint;
+- any rig with usual joint names whose zero pose is a standing person (arms anywhere): the directions of its limbs,
+  read from the file's own offsets, are matched with those of the body's T-pose.
 
 The root path is scaled by leg length, and the lowest point of the feet is put on the ground.
 """
@@ -76,10 +76,12 @@ def retarget(motion: BvhMotion, body: Body, fps: float, face_forward: bool = Fal
         face_forward: Turn the take so that the body faces +z in the first frame.
 
     Returns:
-        Pose [rad], shape [T, 24, 3], and root [m], shape [T, 3], float32; the take starts over the origin and its feet touch y = 0.
+        Pose [rad], shape [T, 24, 3], and root [m], shape [T, 3], float32; the take starts over the origin and its
+        feet touch y = 0.
 
     Raises:
-        ValueError: Unknown rig (with the joint that is missing), a recording shorter than two frames, motion that makes no sense.
+        ValueError: Unknown rig (with the joint that is missing), a recording shorter than two frames, motion that
+            makes no sense.
     """
     if not 1.0 <= fps <= MAX_FPS:
         raise ValueError(f"fps is {fps}, allowed are 1 to {MAX_FPS:.0f}")
@@ -134,7 +136,8 @@ _SPINE = tuple(JOINT_INDEX[name] for name in ("spine1", "spine2", "spine3"))
 
 
 def _along_chain(chain: list[np.ndarray], index: int) -> np.ndarray:
-    """Rotation of the index-th of three SMPL spine joints, from the rotations of pelvis and spine joints of a file, [T, 3, 3].
+    """Rotation of the index-th of three SMPL spine joints, from the rotations of pelvis and spine joints of a file,
+    [T, 3, 3].
 
     Two spine joints are taken as SMPL's last two, with half the first one's rotation below them; more or fewer are
     distributed evenly.
@@ -168,7 +171,9 @@ def _leg_length_of(body: Body) -> float:
 
 def _leg_length_in(motion: BvhMotion, source: np.ndarray) -> float:
     rest = motion.rest_positions()
-    pairs = [(source[JOINT_INDEX[f"{side}_{a}"]], source[JOINT_INDEX[f"{side}_{b}"]]) for side in SIDES for a, b in LIMBS[:2]]
+    pairs = [
+        (source[JOINT_INDEX[f"{side}_{a}"]], source[JOINT_INDEX[f"{side}_{b}"]]) for side in SIDES for a, b in LIMBS[:2]
+    ]
     length = float(sum(np.linalg.norm(rest[a] - rest[b]) for a, b in pairs) / 2.0)
     if not length > 1e-6:
         raise ValueError("the legs of the recorded skeleton have no length")
@@ -237,7 +242,7 @@ def _named_rig(motion: BvhMotion, body: Body) -> _Rig:
 
 
 def _align_foot(alignment: np.ndarray, rest: np.ndarray, source: np.ndarray, side: str) -> None:
-    """A foot keeps its angle to the shank (splayed legs splay their feet) but its outward turn in the file is kept out."""
+    """A foot keeps its angle to the shank (splayed legs splay their feet); its outward turn in the file is kept out."""
     knee, ankle, toe = (JOINT_INDEX[f"{side}_{part}"] for part in ("knee", "ankle", "foot"))
     alignment[ankle] = alignment[toe] = alignment[knee]
     if source[toe] >= 0:
@@ -289,11 +294,14 @@ def _match_names(motion: BvhMotion) -> np.ndarray:
         # "LeftShoulder" is the collar bone where there is a "LeftArm", and the upper arm where there is none.
         if source[JOINT_INDEX[f"{side}_collar"]] == source[JOINT_INDEX[f"{side}_shoulder"]]:
             source[JOINT_INDEX[f"{side}_collar"]] = -1
-    needed = ["pelvis", "head"] + [f"{side}_{part}" for side in SIDES for part in SYNONYMS if part not in ("foot", "collar")]
+    needed = ["pelvis", "head"] + [
+        f"{side}_{part}" for side in SIDES for part in SYNONYMS if part not in ("foot", "collar")
+    ]
     for name in needed:
         if source[JOINT_INDEX[name]] < 0:
             raise ValueError(
-                f"no joint of the recorded skeleton could be taken for '{name}'; its joints are {', '.join(motion.names)[:300]}"
+                f"no joint of the recorded skeleton could be taken for '{name}'; "
+                f"its joints are {', '.join(motion.names)[:300]}"
             )
     return source
 

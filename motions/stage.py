@@ -1,4 +1,4 @@
-"""The stage a family of motions works on: a calm standing performance, the manner of the variant, and a few shared moves."""
+"""The stage a family of motions works on: a calm standing performance, a manner, a few shared moves."""
 
 from __future__ import annotations
 
@@ -77,6 +77,11 @@ class Stage:
         """Start times [s] of a movement that is repeated until the clip ends."""
         count = max(1, int(np.ceil((self.duration - start) / period)))
         return [start + index * period for index in range(count)]
+
+    def beside(self, side: int, ahead: float = 0.0, outward: float = 0.0) -> tuple[float, float]:
+        """Ground position (x, z) of a foot, moved from where its plan begins [m]."""
+        x, z = self.performance.feet[side].place
+        return x + self.outward(side) * outward, z + ahead
 
     def arm_course(self, side: int, keys: Sequence[tuple[float, ArmPose]]) -> None:
         """Move an arm from its relaxed pose through keyed poses; keys are (time [s], pose)."""

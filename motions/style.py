@@ -1,4 +1,4 @@
-"""How somebody moves, apart from what is done: tempo, size of the movements, posture, mood. Drawn anew for every variant."""
+"""How somebody moves, apart from what is done: tempo, size of the movements, posture, mood."""
 
 from __future__ import annotations
 

@@ -1,10 +1,12 @@
-"""Curves over time that the motion families are written in: eased keys, bumps, oscillations with an envelope, slow noise.
+"""Curves over time that the motion families are written in: eased keys, bumps, oscillations with an envelope, slow
+noise.
 
 All times are seconds of the clip; all functions take and return arrays.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 
 def minimum_jerk(progress: np.ndarray | float) -> np.ndarray:
-    """Minimum-jerk transition from 0 to 1, at rest at both ends (Flash & Hogan 1985); the argument is clipped to 0..1."""
+    """Minimum-jerk transition from 0 to 1, at rest at both ends (Flash & Hogan 1985); clipped to 0..1."""
     s = np.clip(progress, 0.0, 1.0)
     return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
@@ -30,9 +32,9 @@ def pulse(times: np.ndarray, start: float, rise: float, hold: float, fall: float
 
 
 def keyed(times: np.ndarray, keys: Sequence[tuple[float, float]]) -> np.ndarray:
-    """Values at given times, minimum-jerk between them, constant outside; keys are (time [s], value), increasing in time."""
+    """Minimum-jerk course through keys (time [s], value) of increasing time, constant outside."""
     value = np.full(len(times), float(keys[0][1]))
-    for (start, before), (end, after) in zip(keys[:-1], keys[1:]):
+    for (start, before), (end, after) in itertools.pairwise(keys):
         value += (after - before) * transition(times, start, end)
     return value
 
@@ -82,7 +84,7 @@ def blend_rotations(times: np.ndarray, keys: Sequence[tuple[float, np.ndarray]])
         keys: (time [s], rotation [3, 3]) pairs, increasing in time.
     """
     rotation = Rotation.from_matrix(np.repeat(keys[0][1][None], len(times), axis=0))
-    for (start, before), (end, after) in zip(keys[:-1], keys[1:]):
+    for (start, before), (end, after) in itertools.pairwise(keys):
         step = (Rotation.from_matrix(before).inv() * Rotation.from_matrix(after)).as_rotvec()
         rotation = rotation * Rotation.from_rotvec(transition(times, start, end)[:, None] * step)
     return rotation.as_matrix()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from motions.arms import ArmPose, arm_pose
@@ -71,7 +73,7 @@ def sway(stage: Stage, arms: str = "low") -> None:
 
 
 def side_steps(stage: Stage, steps: int = 1, arms: str = "swing", kick: bool = False) -> None:
-    """Step to the side and touch, then back: one or two steps each way, arms that "swing" or "clap", feet that may kick."""
+    """Step to the side and touch, then back: one or two steps each way; arms "swing" or "clap", feet may kick."""
     beat = _beat(stage)
     performance, times = stage.performance, stage.times
     width = 0.27 * (0.75 + 0.25 * stage.style.amplitude)
@@ -89,11 +91,18 @@ def side_steps(stage: Stage, steps: int = 1, arms: str = "swing", kick: bool = F
         start = BEGIN + 0.08 + index * beat
         place = (home[foot][0] + offset, home[foot][1] + (0.04 if touch else 0.0))
         stage.step(
-            foot, start, 0.7 * beat, place, feet[foot].yaw, height=0.07, push=0.4, strike=0.35 if touch else 0.1,
+            foot,
+            start,
+            0.7 * beat,
+            place,
+            feet[foot].yaw,
+            height=0.07,
+            push=0.4,
+            strike=0.35 if touch else 0.1,
             reach=(0.0, 0.3) if kick and touch else (0.0, 0.0),
-        )  # fmt: skip
+        )
         centre.append((start + 0.9 * beat, offset))
-    for (_, before), (moment, after) in zip(centre[:-1], centre[1:]):
+    for (_, before), (moment, after) in itertools.pairwise(centre):
         performance.place[:, 0] += (after - before) * transition(times, moment - 0.95 * beat, moment + 0.1 * beat)
     stage.balance(0.35, 0.14)
     _bounce(stage, beat, 0.03)
@@ -211,8 +220,18 @@ def cha_cha(stage: Stage) -> None:
     home = [performance.feet[side].place for side in (0, 1)]
     size = 0.24 * (0.75 + 0.25 * stage.style.amplitude)
     # Beat, foot, how far ahead: rock, replace, then three quick steps; the second half goes back with the other foot.
-    pattern = [(0, first, 1), (1, 1 - first, 0), (2, first, 0), (2.5, 1 - first, 0), (3, first, 0),
-               (4, 1 - first, -1), (5, first, 0), (6, 1 - first, 0), (6.5, first, 0), (7, 1 - first, 0)]  # fmt: skip
+    pattern = [
+        (0, first, 1),
+        (1, 1 - first, 0),
+        (2, first, 0),
+        (2.5, 1 - first, 0),
+        (3, first, 0),
+        (4, 1 - first, -1),
+        (5, first, 0),
+        (6, 1 - first, 0),
+        (6.5, first, 0),
+        (7, 1 - first, 0),
+    ]
     for bar in range(int(stage.duration / (8.0 * beat)) + 1):
         for at, foot, ahead in pattern:
             start = BEGIN + 0.08 + (8.0 * bar + at) * beat

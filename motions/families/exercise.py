@@ -1,4 +1,4 @@
-"""The whole body on one spot: squats, bows, jumps, kicks, punches, throws, lunges, bends and twists."""
+"""The whole body on one spot: squats, bows, lunges, bends and twists, circles of hips and trunk, balance."""
 
 from __future__ import annotations
 
@@ -6,18 +6,12 @@ import numpy as np
 
 from motions.arms import ArmPose, arm_pose
 from motions.stage import CALM_SECONDS, Stage
-from motions.timing import keyed, oscillation, pulse, through, transition
+from motions.timing import keyed, oscillation, pulse, transition
 
 BEGIN = CALM_SECONDS
-GRAVITY = 9.81  # [m/s^2]
 AHEAD = arm_pose((0.18, -0.05, 1), (0.08, 0.05, 1))
-GUARD = arm_pose((0.42, -0.85, 0.35), (-0.3, 0.75, 0.6), twist=-0.4)
-
-
-def _place_of(stage: Stage, side: int, ahead: float = 0.0, outward: float = 0.0) -> tuple[float, float]:
-    """Ground position of a foot, moved from where the plan begins [m]."""
-    x, z = stage.performance.feet[side].place
-    return x + stage.outward(side) * outward, z + ahead
+BEFORE_HIPS = arm_pose((0.75, -0.75, -0.12), (-0.3, -0.55, 0.75), twist=-0.5, wrist=0.2)  # room for moving hips
+ON_HIPS = arm_pose((0.75, -0.75, -0.12), (-0.42, -0.62, 0.62), twist=-0.5, wrist=0.2)
 
 
 def _hips_back(stage: Stage, depth: np.ndarray) -> None:
@@ -44,10 +38,13 @@ def squat(stage: Stage, depth: float = 0.36, arms: str = "ahead", period: float 
             (start + down, AHEAD),
             (start + down + stage.seconds(hold) + up, stage.relaxed),
         ]
+        for arm in stage.performance.arms:
+            # Outside of the thighs, which come up between the arms.
+            arm.spread += (0.25 if arms == "ahead" else 0.4) * low
+            arm.swing += (0.0 if arms == "ahead" else 0.5) * low
     if arms == "ahead":
-        for arm in (0, 1):
-            stage.arm_course(arm, keys)
-            stage.performance.arms[arm].spread += 0.05
+        for side in (0, 1):
+            stage.arm_course(side, keys)
         stage.performance.hang[:] = 0.7
 
 
@@ -70,248 +67,15 @@ def bow(stage: Stage, angle: float = 1.0, hold: float = 0.35, style: str = "stra
             for arm in (0, 1):
                 performance.arms[arm].spread += 0.35 * down
             duration = stage.seconds(0.45)
-            back = _place_of(stage, behind, ahead=-0.24, outward=-0.08)
+            back = stage.beside(behind, ahead=-0.24, outward=-0.08)
             stage.step(behind, start + 0.02, duration, back, 0.3 * stage.outward(behind), push=0.3, strike=0.5)
             leave = start + stage.seconds(0.9 + hold)
-            stage.step(behind, leave, duration, _place_of(stage, behind), performance.feet[behind].yaw, push=0.6)
+            stage.step(behind, leave, duration, stage.beside(behind), performance.feet[behind].yaw, push=0.6)
         else:
             for arm in (0, 1):
                 performance.arms[arm].spread += 0.06 * down
     if style == "curtsy":
         stage.balance(0.35, 0.15)
-
-
-def hop(
-    stage: Stage,
-    height: float = 0.2,
-    ahead: float = 0.0,
-    turn: float = 0.0,
-    spread: float = 0.0,
-    arms: str = "swing",
-    crouch: float = 0.22,
-    pause: float = 0.25,
-    legs: str = "both",
-) -> None:
-    """Jump with both legs (or one), again and again.
-
-    Args:
-        height: Height of the flight [m].
-        ahead: Distance [m], turn: rotation [rad] to the style's side, of each jump.
-        spread: Distance by which the feet land wider, every other jump [m] (jumping jack).
-        arms: "swing" up with the jump, "jack" (over the head with spread feet), "rope" (turning a rope), "rest".
-        crouch: Depth of the crouch before and after [m].
-        pause: Time standing between two jumps [s].
-        legs: "both" or "one".
-    """
-    style, performance, times = stage.style, stage.performance, stage.times
-    height = height * (0.7 + 0.3 * style.amplitude)
-    rise = 0.06  # the body leaves the ground on its toes
-    speed = np.sqrt(2.0 * GRAVITY * height)
-    flight = 2.0 * speed / GRAVITY
-    dip, push, absorb, stand = (stage.seconds(t) for t in (0.3, 0.24, 0.2, 0.35))
-    period = dip + push + flight + absorb + stand + stage.seconds(pause)
-    landing = 0.7 * crouch
-    keys: list[list[tuple[float, ArmPose]]] = [[], []]
-    for number, start in enumerate(stage.repeats(period)):
-        take_off, land = start + dip + push, start + dip + push + flight
-        drop = through(
-            times,
-            [
-                (start, 0.0, 0.0, 0.0), (start + dip, crouch, 0.0, 0.0), (take_off, -rise, -speed, GRAVITY),
-                (land, -rise, speed, GRAVITY), (land + absorb, landing, 0.0, 0.0), (land + absorb + stand, 0.0, 0.0, 0.0),
-            ],
-        )  # fmt: skip
-        bent = np.clip(drop, 0.0, None)
-        performance.drop += drop
-        performance.place[:, 1] += ahead * transition(times, start + 0.6 * dip, land + 0.1) - 0.25 * bent
-        performance.pelvis.bend += 1.0 * bent
-        performance.spine.bend += 1.0 * bent
-        performance.head.bend -= 1.2 * bent
-        performance.pelvis.turn += turn * style.side * transition(times, take_off - 0.12, land + 0.08)
-        _fly(stage, number, take_off, flight, height, ahead, turn * style.side, spread, legs)
-        for arm in (0, 1):
-            keys[arm] += _jump_arms(stage, arms, number, start, dip, take_off, land, absorb)
-    for arm in (0, 1):
-        if arms in ("swing", "jack"):
-            stage.arm_course(arm, keys[arm])
-        elif arms == "rope":
-            stage.arm_course(arm, [(BEGIN + 0.35, arm_pose((0.5, -0.85, -0.1), (0.55, -0.15, 0.8), twist=0.3))])
-            turning = 2.0 * np.pi * (times - BEGIN) / period
-            performance.arms[arm].elbow += 0.25 * np.sin(turning) * transition(times, BEGIN, 0.5)
-            performance.arms[arm].swing += 0.12 * np.cos(turning) * transition(times, BEGIN, 0.5)
-    performance.hang *= 0.4
-    if legs == "one":
-        stage.shift_weight(stage.leading(), 0.75 * transition(times, 0.0, 0.35))
-
-
-def _fly(
-    stage: Stage,
-    number: int,
-    take_off: float,
-    flight: float,
-    height: float,
-    ahead: float,
-    turn: float,
-    spread: float,
-    legs: str,
-) -> None:
-    """Steps of both feet of one jump."""
-    wide = spread if number % 2 == 0 else 0.0
-    heading = turn * (number + 1)
-    for side in (0, 1):
-        x, z = _place_of(stage, side, ahead * (number + 1), wide)
-        # Feet turn about the point under the pelvis.
-        middle = stage.performance.place[0, 1]
-        cosine, sine = np.cos(heading), np.sin(heading)
-        place = (cosine * x + sine * (z - middle), -sine * x + cosine * (z - middle) + middle)
-        yaw = stage.performance.feet[side].yaw + heading
-        if legs == "one" and side != stage.leading():
-            if number == 0:
-                # The other leg is lifted before the first hop and stays up beyond the end of the clip.
-                stage.step(
-                    side, 0.12, stage.duration + 2.0, (x, z), yaw, height=0.3, reach=(0.0, -0.08), point=0.5, rise=0.4
-                )
-            continue
-        stage.step(side, take_off, flight, place, yaw, height=height, push=0.55, strike=0.4, point=0.25, ballistic=True)
-
-
-def _jump_arms(
-    stage: Stage, arms: str, number: int, start: float, dip: float, take_off: float, land: float, absorb: float
-) -> list[tuple[float, ArmPose]]:
-    if arms == "jack":
-        top, rest = arm_pose((0.45, 1, 0.1), (0.2, 1, 0.15)), arm_pose((0.4, -1, 0), (0.35, -1, 0.15))
-        side = arm_pose((1, -0.1, 0.05), (1, 0.0, 0.15))
-        target = top if number % 2 == 0 else rest
-        return [
-            (take_off - 0.04, rest if number % 2 == 0 else top),
-            (0.5 * (take_off + land) + 0.03, side),
-            (land + 0.08, target),
-        ]
-    back = arm_pose((0.35, -0.8, -0.6), (0.3, -0.9, -0.35))
-    up = arm_pose((0.35, 0.75, 0.65), (0.15, 0.9, 0.5))
-    return [
-        (start + dip, back),
-        (take_off + 0.06, up),
-        (land, AHEAD),
-        (land + absorb + stage.seconds(0.35), stage.relaxed),
-    ]
-
-
-def punch(stage: Stage, way: str = "straight", arms: str = "both") -> None:
-    """Punch from a guard: "straight", "hook" or "uppercut"; with "both" arms in turn, or the "left" or "right" one only."""
-    period, performance, times = stage.seconds(0.82), stage.performance, stage.times
-    strike = {
-        "straight": arm_pose((0.12, 0.02, 1), (-0.06, 0.06, 1), twist=-0.7),
-        "hook": arm_pose((0.85, 0.05, 0.6), (-0.75, 0.1, 0.75), twist=-0.5),
-        "uppercut": arm_pose((0.3, -0.35, 0.85), (-0.12, 0.9, 0.5), twist=0.8),
-    }[way]
-    wind = {
-        "straight": GUARD,
-        "hook": arm_pose((0.75, -0.6, 0.1), (0.0, 0.35, 0.9), twist=-0.4),
-        "uppercut": arm_pose((0.42, -0.9, -0.15), (-0.05, 0.05, 1), twist=0.6),
-    }[way]
-    first = BEGIN + stage.seconds(0.4)
-    leading = stage.leading(None if arms == "both" else arms)
-    sequence = [leading, 1 - leading] if arms == "both" else [leading]
-    keys: list[list[tuple[float, ArmPose]]] = [[(first, GUARD)], [(first, GUARD)]]
-    performance.drop += 0.035 * transition(times, BEGIN, first)
-    performance.spine.bend += 0.12 * transition(times, BEGIN, first)
-    for number in range(int(stage.duration / period) + 2):
-        arm = sequence[number % len(sequence)]
-        start = first + number * period
-        ready, hit, back = start + 0.32 * period, start + 0.62 * period, start + period
-        keys[arm] += [(start + 0.02, GUARD), (ready, wind), (hit, strike), (back, GUARD)]
-        thrust = keyed(times, [(start, 0.0), (ready, -0.3), (hit, 1.0), (back, 0.0)]) * stage.style.amplitude
-        turn = -stage.outward(arm) * thrust
-        performance.pelvis.turn += 0.16 * turn
-        performance.spine.turn += 0.32 * turn
-        performance.head.turn -= 0.42 * turn
-        performance.place[:, 1] += 0.035 * thrust
-    for arm in (0, 1):
-        stage.arm_course(arm, keys[arm])
-    performance.hang *= 0.2
-
-
-def kick(stage: Stage, way: str = "front", side: str | None = None) -> None:
-    """Kick with one leg, again and again: "front", "side", "back", or only raise the "knee"."""
-    period, performance, times = stage.seconds(1.55), stage.performance, stage.times
-    leg = stage.leading(side)
-    out = stage.outward(leg)
-    size = 0.7 + 0.3 * stage.style.amplitude
-    height, reach, point = {
-        "front": (0.62, (0.0, 0.55), 0.5),
-        "side": (0.5, (out * 0.5, 0.0), 0.1),
-        "back": (0.38, (0.0, -0.48), 0.9),
-        "knee": (0.45, (0.0, 0.3), 0.6),
-    }[way]
-    duration = stage.seconds(0.9)
-    for start in stage.repeats(period):
-        lift = start + stage.seconds(0.42)
-        stage.step(
-            leg, lift, duration, performance.feet[leg].place, performance.feet[leg].yaw, height=height * size,
-            reach=(reach[0] * size, reach[1] * size), push=0.5, strike=0.2, point=point, early=1.0,
-        )  # fmt: skip
-        over = pulse(times, start, stage.seconds(0.42), duration, stage.seconds(0.22))
-        stage.shift_weight(1 - leg, 0.8 * over)
-        high = pulse(times, lift, 0.5 * duration, 0.0, 0.5 * duration)
-        performance.drop += 0.03 * over
-        performance.pelvis.bend += {"front": -0.25, "back": 0.4, "knee": -0.12}.get(way, 0.0) * high
-        performance.spine.bend += {"front": 0.15, "back": 0.25, "knee": 0.08}.get(way, 0.0) * high
-        performance.pelvis.lean -= out * (0.28 if way == "side" else 0.0) * high
-        performance.spine.lean -= out * (0.1 if way == "side" else 0.0) * high
-        for arm in (0, 1):
-            performance.arms[arm].spread += 0.3 * over
-            performance.arms[arm].swing += (0.5 if arm != leg else -0.35) * high * (way != "side")
-            performance.arms[arm].elbow += 0.35 * over
-    performance.hang *= 0.5
-
-
-def throw(stage: Stage, way: str = "over", side: str | None = None) -> None:
-    """Throw with one arm and a step ahead of the other leg: "over" the shoulder or "under"."""
-    period, performance, times = stage.seconds(2.1), stage.performance, stage.times
-    arm = stage.leading(side)
-    foot, out = 1 - arm, stage.outward(arm)
-    if way == "over":
-        back, release, through_pose = (
-            arm_pose((0.9, 0.05, -0.45), (0.25, 0.9, -0.5), twist=-0.3),
-            arm_pose((0.35, 0.45, 0.85), (0.05, 0.5, 0.9), twist=-0.3),
-            arm_pose((0.0, -0.55, 0.85), (-0.35, -0.6, 0.75)),
-        )
-    else:
-        back, release, through_pose = (
-            arm_pose((0.35, -0.75, -0.75), (0.3, -0.75, -0.65)),
-            arm_pose((0.2, -0.6, 0.8), (0.1, -0.4, 0.95)),
-            arm_pose((0.2, 0.2, 1), (0.05, 0.55, 0.9)),
-        )
-    aim = arm_pose((0.3, -0.1, 0.95), (0.1, 0.1, 1))
-    tucked = arm_pose((0.42, -0.85, 0.05), (0.1, -0.1, 1))
-    thrown: list[tuple[float, ArmPose]] = []
-    free: list[tuple[float, ArmPose]] = []
-    home = performance.feet[foot].place
-    for start in stage.repeats(period):
-        t = [start + stage.seconds(value) for value in (0.0, 0.62, 0.98, 1.25, 1.9)]
-        thrown += [
-            (t[0] + 0.02, stage.relaxed),
-            (t[1], back),
-            (t[2], release),
-            (t[3], through_pose),
-            (t[4], stage.relaxed),
-        ]
-        free += [(t[0] + 0.02, stage.relaxed), (t[1], aim), (t[2] + 0.05, tucked), (t[4], stage.relaxed)]
-        stage.step(foot, t[0] + stage.seconds(0.3), stage.seconds(0.42), (home[0], home[1] + 0.32), performance.feet[foot].yaw,
-                   push=0.3, strike=-0.15)  # fmt: skip
-        stage.step(foot, t[0] + stage.seconds(1.5), stage.seconds(0.42), home, performance.feet[foot].yaw, push=0.4)
-        wound = keyed(times, [(t[0], 0.0), (t[1], -1.0), (t[2] + 0.06, 0.9), (t[4], 0.0)]) * stage.style.amplitude
-        forward = keyed(times, [(t[0] + stage.seconds(0.3), 0.0), (t[2], 1.0), (t[2] + 0.15, 1.0), (t[4], 0.0)])
-        performance.spine.turn += 0.4 * out * wound
-        performance.pelvis.turn += 0.22 * out * wound
-        performance.head.turn -= 0.5 * out * wound
-        performance.place[:, 1] += 0.15 * forward - 0.05 * pulse(times, t[0], 0.35, 0.0, 0.35)
-        performance.drop += 0.03 * forward
-        performance.spine.bend += 0.2 * forward * np.clip(wound, 0.0, None) + 0.1 * np.clip(wound, -1.0, 0.0) * 0.5
-    stage.arm_course(arm, thrown)
-    stage.arm_course(foot, free)
-    performance.hang *= 0.3
 
 
 def lunge(stage: Stage, way: str = "front") -> None:
@@ -324,7 +88,7 @@ def lunge(stage: Stage, way: str = "front") -> None:
         leg = (stage.leading() + number) % 2
         plan = performance.feet[leg]
         ahead, outward = {"front": (far, 0.0), "side": (0.0, far), "back": (-far, 0.0)}[way]
-        target = _place_of(stage, leg, ahead, outward)
+        target = stage.beside(leg, ahead, outward)
         yaw = plan.yaw + (0.2 * stage.outward(leg) if way == "side" else 0.0)
         swing = stage.seconds(0.5)
         heel = {"front": -0.12, "side": 0.0, "back": 0.65}[way]
@@ -369,9 +133,8 @@ def trunk_circle(stage: Stage, part: str = "hips") -> None:
         performance.pelvis.lean -= 0.16 * across
         performance.spine.bend += 0.24 * along
         performance.spine.lean += 0.22 * across
-        hips = arm_pose((0.75, -0.75, -0.12), (-0.3, -0.55, 0.75), twist=-0.5, wrist=0.2)
         for arm in (0, 1):
-            stage.arm_course(arm, [(BEGIN + 0.55, hips)])
+            stage.arm_course(arm, [(BEGIN + 0.55, BEFORE_HIPS)])
         performance.hang *= 0.2
     else:
         performance.spine.bend += 0.42 * (strength - 0.35 * (strength - along))
@@ -379,15 +142,16 @@ def trunk_circle(stage: Stage, part: str = "hips") -> None:
         performance.spine.lean += 0.42 * across
         performance.place[:, 1] -= 0.03 * along
         performance.drop += 0.02 * strength
+        for arm in performance.arms:
+            arm.spread += 0.2 * strength
 
 
 def bend(stage: Stage, way: str = "side") -> None:
-    """Bend the trunk: "side" with one arm over the head, "toes" (touch the floor), "pick" something up from a squat, "back"."""
+    """Bend the trunk: "side" (one arm over the head), "toes" (touch the floor), "pick" something up, "back"."""
     performance, times = stage.performance, stage.times
     period = {"side": 2.0, "toes": 2.3, "pick": 2.4, "back": 2.2}[way]
     over = arm_pose((0.35, 1, 0.1), (-0.35, 1, 0.1))
-    hip = arm_pose((0.75, -0.75, -0.12), (-0.3, -0.55, 0.75), twist=-0.5, wrist=0.2)
-    down = arm_pose((0.15, -1, 0.3), (0.02, -1, 0.35))
+    down = arm_pose((0.12, -1, 0.85), (0.0, -1, 0.85)) if way == "pick" else arm_pose((0.15, -1, 0.3), (0.02, -1, 0.35))
     keys: list[list[tuple[float, ArmPose]]] = [[], []]
     for number, start in enumerate(stage.repeats(stage.seconds(period))):
         low = pulse(
@@ -404,7 +168,7 @@ def bend(stage: Stage, way: str = "side") -> None:
             for arm in (0, 1):
                 keys[arm] += [
                     (start + 0.02, stage.relaxed),
-                    (middle, over if arm == raised else hip),
+                    (middle, over if arm == raised else ON_HIPS),
                     (end, stage.relaxed),
                 ]
             continue
@@ -416,7 +180,7 @@ def bend(stage: Stage, way: str = "side") -> None:
         performance.place[:, 1] += {"toes": -0.12, "pick": -0.12, "back": 0.08}[way] * low
         performance.knees_out += (0.2 if way == "pick" else 0.0) * low
         for arm in (0, 1):
-            pose = hip if way == "back" else down
+            pose = ON_HIPS if way == "back" else down
             keys[arm] += [(start + 0.02, stage.relaxed), (middle, pose), (end, stage.relaxed)]
     for arm in (0, 1):
         stage.arm_course(arm, keys[arm])
@@ -441,7 +205,7 @@ def twist(stage: Stage, arms: str = "loose") -> None:
         return
     pose = {
         "spread": arm_pose((1, 0.05, 0.0), (1, 0.08, 0.12)),
-        "hips": arm_pose((0.75, -0.75, -0.12), (-0.3, -0.55, 0.75), twist=-0.5, wrist=0.2),
+        "hips": ON_HIPS,
     }[arms]
     for arm in (0, 1):
         stage.arm_course(arm, [(BEGIN + 0.6, pose)])
@@ -453,9 +217,17 @@ def balance_on_one_leg(stage: Stage) -> None:
     performance, times = stage.performance, stage.times
     leg = stage.leading()
     stage.step(
-        leg, 0.4, stage.duration + 2.0, performance.feet[leg].place, performance.feet[leg].yaw,
-        height=0.38, reach=(0.0, 0.2), push=0.3, point=0.5, rise=stage.seconds(0.6),
-    )  # fmt: skip
+        leg,
+        0.4,
+        stage.duration + 2.0,
+        performance.feet[leg].place,
+        performance.feet[leg].yaw,
+        height=0.38,
+        reach=(0.0, 0.2),
+        push=0.3,
+        point=0.5,
+        rise=stage.seconds(0.6),
+    )
     up = transition(times, 0.1, 0.6)
     stage.shift_weight(1 - leg, 0.9 * up)
     spread = arm_pose((1, -0.02, 0.1), (1, 0.1, 0.2))

@@ -1,7 +1,8 @@
 """Moving from place to place: walking, running, marching, sneaking, sidestepping, turning.
 
-Feet are placed where the pelvis will be in the middle of their stance, so that any path (ahead, back, sideways, curved) and any
-change of speed gives steps that fit. Sources of the numbers: Winter 1991 (gait phases, joint excursions), Novacheck 1998 (running).
+Feet are placed where the pelvis will be in the middle of their stance, so that any path (ahead, back, sideways,
+curved) and any change of speed gives steps that fit. Sources of the numbers: Winter 1991 (gait phases, joint
+excursions), Novacheck 1998 (running).
 """
 
 from __future__ import annotations
@@ -73,44 +74,158 @@ GAITS: dict[str, Gait] = {
     "stride": Gait(speed=1.2, cycle=1.2, duty=0.57, height=0.09, arm_swing=0.5, drop=0.02, pelvis_turn=0.16),
     "stomp": Gait(speed=0.75, cycle=1.1, duty=0.58, height=0.24, reach=0.1, push=0.4, strike=0.0, drop=0.02, bob=0.02),
     "run": Gait(
-        speed=2.5, cycle=0.74, duty=0.36, height=0.25, push=0.85, strike=-0.08, width=0.45, drop=0.05, bob=0.035,
-        arm_swing=0.6, elbow=1.5, lean=0.14, pelvis_turn=0.16, early=0.6, ahead=0.33,
+        speed=2.5,
+        cycle=0.74,
+        duty=0.36,
+        height=0.25,
+        push=0.85,
+        strike=-0.08,
+        width=0.45,
+        drop=0.05,
+        bob=0.035,
+        arm_swing=0.6,
+        elbow=1.5,
+        lean=0.14,
+        pelvis_turn=0.16,
+        early=0.6,
+        ahead=0.33,
     ),
     "jog": Gait(
-        speed=1.9, cycle=0.76, duty=0.42, height=0.19, push=0.7, strike=-0.05, width=0.55, drop=0.04, bob=0.03,
-        arm_swing=0.42, elbow=1.45, lean=0.09, pelvis_turn=0.12, early=0.65, ahead=0.37,
+        speed=1.9,
+        cycle=0.76,
+        duty=0.42,
+        height=0.19,
+        push=0.7,
+        strike=-0.05,
+        width=0.55,
+        drop=0.04,
+        bob=0.03,
+        arm_swing=0.42,
+        elbow=1.45,
+        lean=0.09,
+        pelvis_turn=0.12,
+        early=0.65,
+        ahead=0.37,
     ),
     "run-in-place": Gait(
-        speed=0.0, cycle=0.7, duty=0.42, height=0.24, push=0.8, strike=0.3, width=0.7, drop=0.035, bob=0.025,
-        arm_swing=0.4, elbow=1.5, lean=0.04, early=0.8, ahead=0.5,
+        speed=0.0,
+        cycle=0.7,
+        duty=0.42,
+        height=0.24,
+        push=0.8,
+        strike=0.3,
+        width=0.7,
+        drop=0.035,
+        bob=0.025,
+        arm_swing=0.4,
+        elbow=1.5,
+        lean=0.04,
+        early=0.8,
+        ahead=0.5,
     ),
     "march": Gait(
-        speed=0.7, cycle=1.06, duty=0.56, height=0.36, reach=0.22, push=0.45, strike=0.1, arm_swing=0.65, elbow=0.35,
-        lean=-0.02, drop=0.005, pelvis_turn=0.05, early=1.0, ahead=0.5,
+        speed=0.7,
+        cycle=1.06,
+        duty=0.56,
+        height=0.36,
+        reach=0.22,
+        push=0.45,
+        strike=0.1,
+        arm_swing=0.65,
+        elbow=0.35,
+        lean=-0.02,
+        drop=0.005,
+        pelvis_turn=0.05,
+        early=1.0,
+        ahead=0.5,
     ),
     "march-in-place": Gait(
-        speed=0.0, cycle=1.02, duty=0.56, height=0.36, reach=0.3, push=0.45, strike=0.15, arm_swing=0.6, elbow=0.9,
-        lean=-0.02, drop=0.005, pelvis_turn=0.05, early=1.0, ahead=0.5,
+        speed=0.0,
+        cycle=1.02,
+        duty=0.56,
+        height=0.36,
+        reach=0.3,
+        push=0.45,
+        strike=0.15,
+        arm_swing=0.6,
+        elbow=0.9,
+        lean=-0.02,
+        drop=0.005,
+        pelvis_turn=0.05,
+        early=1.0,
+        ahead=0.5,
     ),
     "sneak": Gait(
-        speed=0.5, cycle=1.7, duty=0.62, height=0.17, reach=0.05, push=0.45, strike=0.3, drop=0.13, arm_swing=0.18, elbow=1.25,
-        lean=0.38, pelvis_turn=0.12, ahead=0.5, early=0.9,
+        speed=0.5,
+        cycle=1.7,
+        duty=0.62,
+        height=0.17,
+        reach=0.05,
+        push=0.45,
+        strike=0.3,
+        drop=0.13,
+        arm_swing=0.18,
+        elbow=1.25,
+        lean=0.38,
+        pelvis_turn=0.12,
+        ahead=0.5,
+        early=0.9,
     ),
     "turn": Gait(
-        speed=0.0, cycle=1.02, duty=0.6, turning=1.25, height=0.06, push=0.4, strike=0.0, arm_swing=0.14, ahead=0.5, width=0.95
+        speed=0.0,
+        cycle=1.02,
+        duty=0.6,
+        turning=1.25,
+        height=0.06,
+        push=0.4,
+        strike=0.0,
+        arm_swing=0.14,
+        ahead=0.5,
+        width=0.95,
     ),
     "spin": Gait(
-        speed=0.0, cycle=0.72, duty=0.56, turning=2.9, height=0.06, push=0.45, strike=0.25, arm_swing=0.05, ahead=0.5, width=0.9
+        speed=0.0,
+        cycle=0.72,
+        duty=0.56,
+        turning=2.9,
+        height=0.06,
+        push=0.45,
+        strike=0.25,
+        arm_swing=0.05,
+        ahead=0.5,
+        width=0.9,
     ),
     "sidestep": Gait(
-        speed=0.42, cycle=0.98, duty=0.58, heading=np.pi / 2, height=0.06, push=0.3, strike=0.15, arm_swing=0.06, width=1.25,
-        pelvis_turn=0.0, ahead=0.5, drop=0.02,
+        speed=0.42,
+        cycle=0.98,
+        duty=0.58,
+        heading=np.pi / 2,
+        height=0.06,
+        push=0.3,
+        strike=0.15,
+        arm_swing=0.06,
+        width=1.25,
+        pelvis_turn=0.0,
+        ahead=0.5,
+        drop=0.02,
     ),
     "shuffle": Gait(
-        speed=0.9, cycle=0.66, duty=0.54, heading=np.pi / 2, height=0.05, push=0.3, strike=0.2, arm_swing=0.05, width=1.7,
-        pelvis_turn=0.0, ahead=0.5, drop=0.1, elbow=1.3, lean=0.22,
+        speed=0.9,
+        cycle=0.66,
+        duty=0.54,
+        heading=np.pi / 2,
+        height=0.05,
+        push=0.3,
+        strike=0.2,
+        arm_swing=0.05,
+        width=1.7,
+        pelvis_turn=0.0,
+        ahead=0.5,
+        drop=0.1,
+        elbow=1.3,
+        lean=0.22,
     ),
-}  # fmt: skip
+}
 
 
 def travel(stage: Stage, gait: str, direction: str | None = None, hands: str = "swing") -> None:
@@ -157,11 +272,17 @@ def travel(stage: Stage, gait: str, direction: str | None = None, hands: str = "
             begun = 0.5 + 0.5 * float(minimum_jerk((lift - begin) / cycle)) if lift < begin + cycle else 1.0
             plan.steps.append(
                 Step(
-                    lift=lift, land=land, place=(float(place[0]), float(place[1])), yaw=turned + plan.yaw * 0.7,
-                    height=manner.height * style.amplitude * begun, push=manner.push * begun * min(style.amplitude, 1.1),
-                    strike=manner.strike * begun, reach=(0.0, manner.reach * style.amplitude * begun), early=manner.early,
+                    lift=lift,
+                    land=land,
+                    place=(float(place[0]), float(place[1])),
+                    yaw=turned + plan.yaw * 0.7,
+                    height=manner.height * style.amplitude * begun,
+                    push=manner.push * begun * min(style.amplitude, 1.1),
+                    strike=manner.strike * begun,
+                    reach=(0.0, manner.reach * style.amplitude * begun),
+                    early=manner.early,
                 )
-            )  # fmt: skip
+            )
 
     performance.place += position(times)
     performance.pelvis.turn += np.interp(times, fine, yaw)
@@ -188,7 +309,8 @@ def _follow_steps(stage: Stage, manner: Gait, landed: float, cycle: float, begin
     hips = 0.06 * style.sway * strength * np.sin(phase)
     performance.pelvis.lean -= hips
     performance.spine.lean += 1.25 * hips
-    # Twice a cycle the body is lowest: while walking by the reach of the legs alone, while running in the middle of each stance.
+    # Twice a cycle the body is lowest: while walking by the reach of the legs alone, while running in the middle of
+    # each stance.
     middle = 2.0 * np.pi * manner.duty * 0.5
     performance.drop += strength * (manner.drop + manner.bob * np.cos(2.0 * (phase - middle)))
     performance.pelvis.bend += 0.35 * manner.lean * strength
@@ -197,7 +319,9 @@ def _follow_steps(stage: Stage, manner: Gait, landed: float, cycle: float, begin
     for side in range(2):
         opposite = -stage.outward(side) * forward * np.cos(phase - 0.15)
         amplitude = manner.arm_swing * style.amplitude * strength
-        performance.arms[side].swing += amplitude * (opposite + 0.12)
+        # Bent far over, the hands are held ahead of the rising knees.
+        held = 0.8 * max(0.0, manner.lean - 0.2) * strength
+        performance.arms[side].swing += amplitude * (opposite + 0.12) + held
         performance.arms[side].spread += 0.06 * strength * np.abs(manner.arm_swing) * (1.0 + opposite)
         performance.arms[side].elbow += strength * (
             max(0.0, manner.elbow - 0.3) + 0.45 * manner.arm_swing * (0.6 + opposite)

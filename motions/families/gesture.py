@@ -124,23 +124,67 @@ def stretch(stage: Stage, way: str = "up") -> None:
 
 _ONE_ARM: dict[str, tuple[list[tuple[float, ArmPose]], float, float]] = {
     # name: keys of the gesturing arm, period [s], turn of chest and head towards that side [rad]
-    "point": ([(0.55, arm_pose((0.35, 0.12, 1), (0.2, 0.12, 1), wrist=-0.1)), (1.3, arm_pose((0.4, 0.15, 1), (0.3, 0.15, 1)))], 2.4, 0.2),
-    "salute": ([(0.55, arm_pose((0.9, 0.12, 0.35), (-0.62, 0.75, 0.25), twist=-0.6)), (1.4, arm_pose((0.9, 0.12, 0.35), (-0.62, 0.75, 0.25), twist=-0.6))], 2.3, 0.0),
+    "point": (
+        [
+            (0.55, arm_pose((0.35, 0.12, 1), (0.2, 0.12, 1), wrist=-0.1)),
+            (1.3, arm_pose((0.4, 0.15, 1), (0.3, 0.15, 1))),
+        ],
+        2.4,
+        0.2,
+    ),
+    "salute": (
+        [
+            (0.55, arm_pose((0.9, 0.12, 0.35), (-0.62, 0.75, 0.25), twist=-0.6)),
+            (1.4, arm_pose((0.9, 0.12, 0.35), (-0.62, 0.75, 0.25), twist=-0.6)),
+        ],
+        2.3,
+        0.0,
+    ),
     "beckon": (
         [(0.5, arm_pose((0.4, -0.3, 0.9), (0.2, 0.25, 1), twist=0.9))]
-        + [(0.78 + 0.3 * i, arm_pose((0.4, -0.4, 0.8), (-0.1, 0.3 + 0.7 * ((i + 1) % 2), 0.6), twist=0.9)) for i in range(4)],
-        2.6, 0.1,
+        + [
+            (0.78 + 0.3 * i, arm_pose((0.4, -0.4, 0.8), (-0.1, 0.3 + 0.7 * ((i + 1) % 2), 0.6), twist=0.9))
+            for i in range(4)
+        ],
+        2.6,
+        0.1,
     ),
-    "guide": ([(0.45, arm_pose((0.3, -0.75, 0.55), (-0.35, 0.1, 0.8), twist=0.6)), (1.0, arm_pose((0.9, -0.35, 0.4), (0.9, 0.05, 0.35), twist=1.0)),
-               (1.7, arm_pose((0.92, -0.35, 0.3), (0.95, 0.05, 0.25), twist=1.0))], 2.7, 0.45),
-    "call": ([(0.55, arm_pose((0.55, -0.1, 0.8), (-0.55, 0.85, -0.02), twist=-0.3)), (1.6, arm_pose((0.55, -0.05, 0.8), (-0.55, 0.85, -0.02), twist=-0.3))], 2.6, 0.25),
-    "slash": ([(0.5, arm_pose((0.35, 0.9, -0.1), (0.1, 0.9, -0.6))), (0.85, arm_pose((0.1, -0.2, 1), (-0.35, -0.35, 0.9))), (1.15, arm_pose((0.0, -0.7, 0.6), (-0.5, -0.6, 0.6)))], 1.9, -0.35),
-    "reach-up": ([(0.75, arm_pose((0.25, 1, 0.3), (0.12, 1, 0.2), wrist=-0.2)), (1.2, arm_pose((0.2, 1, 0.25), (0.1, 1, 0.15)))], 2.2, -0.1),
-}  # fmt: skip
+    "guide": (
+        [
+            (0.45, arm_pose((0.3, -0.75, 0.55), (-0.35, 0.1, 0.8), twist=0.6)),
+            (1.0, arm_pose((0.9, -0.35, 0.4), (0.9, 0.05, 0.35), twist=1.0)),
+            (1.7, arm_pose((0.92, -0.35, 0.3), (0.95, 0.05, 0.25), twist=1.0)),
+        ],
+        2.7,
+        0.45,
+    ),
+    "call": (
+        [
+            (0.55, arm_pose((0.55, -0.1, 0.8), (-0.55, 0.85, -0.02), twist=-0.3)),
+            (1.6, arm_pose((0.55, -0.05, 0.8), (-0.55, 0.85, -0.02), twist=-0.3)),
+        ],
+        2.6,
+        0.25,
+    ),
+    "slash": (
+        [
+            (0.5, arm_pose((0.35, 0.9, -0.1), (0.1, 0.9, -0.6))),
+            (0.85, arm_pose((0.1, -0.2, 1), (-0.35, -0.35, 0.9))),
+            (1.15, arm_pose((0.0, -0.7, 0.6), (-0.5, -0.6, 0.6))),
+        ],
+        1.9,
+        -0.35,
+    ),
+    "reach-up": (
+        [(0.75, arm_pose((0.25, 1, 0.3), (0.12, 1, 0.2), wrist=-0.2)), (1.2, arm_pose((0.2, 1, 0.25), (0.1, 1, 0.15)))],
+        2.2,
+        -0.1,
+    ),
+}
 
 
 def one_arm(stage: Stage, gesture: str, side: str = "own") -> None:
-    """A gesture of one arm, repeated: "point", "salute", "beckon", "guide" (this way, please), "call", "slash", "reach-up"."""
+    """A gesture of one arm, repeated: a key of ``_ONE_ARM``, such as "point" or "guide" (this way, please)."""
     keys, period, towards = _ONE_ARM[gesture]
     arm = _sides(stage, side)[0]
     _cycle(stage, arm, [*keys, (period - 0.25, stage.relaxed)], period)
@@ -161,17 +205,47 @@ def one_arm(stage: Stage, gesture: str, side: str = "own") -> None:
 
 _TWO_ARMS: dict[str, tuple[list[tuple[float, ArmPose]], float]] = {
     # name: keys of both arms, period [s]
-    "push": ([(0.45, arm_pose((0.45, -0.8, -0.3), (0.0, 0.35, 1), twist=-0.4, wrist=-0.9)), (0.95, arm_pose((0.28, -0.08, 1), (0.1, 0.05, 1), wrist=-1.0))], 1.5),
-    "pull": ([(0.5, arm_pose((0.25, 0.0, 1), (0.1, 0.05, 1))), (1.05, arm_pose((0.55, -0.65, -0.45), (0.05, 0.05, 1)))], 1.5),
-    "shrug": ([(0.5, arm_pose((0.42, -0.8, 0.1), (0.75, 0.25, 0.6), twist=1.1)), (1.1, arm_pose((0.42, -0.8, 0.1), (0.75, 0.3, 0.6), twist=1.1))], 2.0),
-    "cheer": ([(0.45, arm_pose((0.6, -0.7, 0.3), (0.15, 0.9, 0.4))), (0.8, arm_pose((0.5, 1, 0.15), (0.3, 1, 0.1)))], 0.95),
-    "open-arms": ([(0.5, arm_pose((0.45, -0.5, 0.75), (-0.35, 0.1, 0.9))), (1.15, arm_pose((1, -0.1, 0.0), (0.9, 0.15, 0.35), twist=0.8))], 2.0),
-    "breathe": ([(1.0, arm_pose((0.7, -0.55, 0.35), (0.1, 0.3, 0.85), twist=0.5)), (1.5, arm_pose((0.75, -0.4, 0.35), (0.05, 0.35, 0.85), twist=-0.3))], 2.6),
-}  # fmt: skip
+    "push": (
+        [
+            (0.45, arm_pose((0.45, -0.8, -0.3), (0.0, 0.35, 1), twist=-0.4, wrist=-0.9)),
+            (0.95, arm_pose((0.28, -0.08, 1), (0.1, 0.05, 1), wrist=-1.0)),
+        ],
+        1.5,
+    ),
+    "pull": (
+        [(0.5, arm_pose((0.25, 0.0, 1), (0.1, 0.05, 1))), (1.05, arm_pose((0.55, -0.65, -0.45), (0.05, 0.05, 1)))],
+        1.5,
+    ),
+    "shrug": (
+        [
+            (0.5, arm_pose((0.42, -0.8, 0.1), (0.75, 0.25, 0.6), twist=1.1)),
+            (1.1, arm_pose((0.42, -0.8, 0.1), (0.75, 0.3, 0.6), twist=1.1)),
+        ],
+        2.0,
+    ),
+    "cheer": (
+        [(0.45, arm_pose((0.6, -0.7, 0.3), (0.15, 0.9, 0.4))), (0.8, arm_pose((0.5, 1, 0.15), (0.3, 1, 0.1)))],
+        0.95,
+    ),
+    "open-arms": (
+        [
+            (0.5, arm_pose((0.45, -0.5, 0.75), (-0.35, 0.1, 0.9))),
+            (1.15, arm_pose((1, -0.1, 0.0), (0.9, 0.15, 0.35), twist=0.8)),
+        ],
+        2.0,
+    ),
+    "breathe": (
+        [
+            (1.0, arm_pose((0.7, -0.55, 0.35), (0.1, 0.3, 0.85), twist=0.5)),
+            (1.5, arm_pose((0.75, -0.4, 0.35), (0.05, 0.35, 0.85), twist=-0.3)),
+        ],
+        2.6,
+    ),
+}
 
 
 def two_arms(stage: Stage, gesture: str) -> None:
-    """A gesture of both arms, repeated: "push", "pull", "shrug", "cheer", "open-arms", "breathe"."""
+    """A gesture of both arms, repeated: a key of ``_TWO_ARMS``, such as "push" or "cheer"."""
     keys, period = _TWO_ARMS[gesture]
     closing = [] if gesture in ("push", "pull", "cheer") else [(period - 0.2, stage.relaxed)]
     for arm in (0, 1):
@@ -215,7 +289,7 @@ def circle_arms(stage: Stage, direction: int = 1, alternate: bool = False) -> No
 
 
 def smooth_circle(stage: Stage, arm: int, start: float, period: float, direction: int) -> None:
-    """Replace stop-and-go keys by an even rotation about the shoulder: the arm hangs and swings through a full circle."""
+    """Swing a hanging arm through full circles about the shoulder, without a stop."""
     track = stage.performance.arms[arm]
     stage.arm_course(arm, [(start + 0.3, arm_pose((0.3, -1, 0.02), (0.28, -1, 0.12)))])
     elapsed = np.maximum(stage.times - start, 0.0)
@@ -229,8 +303,11 @@ def look_around(stage: Stage) -> None:
     side, second = stage.style.side, stage.seconds(1.0)
     turn = keyed(
         stage.times,
-        [(BEGIN + time * second, value * side) for time, value in ((0, 0), (0.7, 0.75), (1.1, 0.75), (2.0, -0.75), (2.4, -0.75), (3.2, 0))],
-    )  # fmt: skip
+        [
+            (BEGIN + time * second, value * side)
+            for time, value in ((0, 0), (0.7, 0.75), (1.1, 0.75), (2.0, -0.75), (2.4, -0.75), (3.2, 0))
+        ],
+    )
     trunk = stage.performance
     trunk.head.turn += turn * stage.style.amplitude
     trunk.spine.turn += 0.4 * turn
