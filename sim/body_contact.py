@@ -12,6 +12,9 @@ import warp as wp
 from sim.body_parts import ContactParts
 from sim.kernels import contact as kernels
 
+LIMB_RADIUS = 0.05
+"""Radius of the narrower limbs, knee and elbow [m]: sets how much coarse triangles stand off."""
+
 
 class Skin:
     """Points that follow a skeleton by linear blend skinning, at the start and the end of a query interval.
@@ -74,6 +77,7 @@ class BodyContact:
         index: np.ndarray,
         weight: np.ndarray,
         parts: ContactParts,
+        standoff: np.ndarray,
         skeleton: Skeleton,
         reach: float,
         device: str,
@@ -86,6 +90,7 @@ class BodyContact:
             index: Joints of each body vertex, shape [B, k].
             weight: Their weights, shape [B, k].
             parts: Faces of each part and the parts of each garment vertex.
+            standoff: Distance that each vertex keeps besides the thickness [m], shape [V]; see :func:`sag`.
             skeleton: Transforms that move the body.
             reach: Radius of the closest-point query [m].
             device: Warp device.
@@ -115,6 +120,7 @@ class BodyContact:
         stacked = np.concatenate(part_faces) if part_faces else np.zeros((0, 3), dtype=np.int32)
         self.faces = wp.array(stacked, dtype=wp.vec3i, device=device)
 
+        self.standoff = wp.array(np.asarray(standoff, dtype=np.float32), dtype=float, device=device)
         self.owned = wp.array(parts.owned, dtype=wp.vec4i, device=device)
         self.corner = wp.full(count, wp.vec3i(-1, -1, -1), dtype=wp.vec3i, device=device)
         self.barycentric = wp.zeros(count, dtype=wp.vec3, device=device)
@@ -162,6 +168,7 @@ class BodyContact:
             self.reach if reach is None else reach,
             passes,
             inverse_mass,
+            self.standoff,
             self.owned,
             self.mesh_ids,
             self.first_face,
@@ -174,6 +181,18 @@ class BodyContact:
     def forget(self) -> None:
         """Drop the cached contacts, before the garment is put somewhere else."""
         self.corner.fill_(wp.vec3i(-1, -1, -1))
+
+
+def sag(edges: np.ndarray, edge_length: np.ndarray, vertex_count: int) -> np.ndarray:
+    """How far triangles dip towards a limb between vertices that lie on it [m], shape [V]: ``L^2 / (8 r)``.
+
+    Contact knows vertices only. So that the cloth itself keeps the thickness, its vertices keep this much more, with
+    the mean length L of the edges around each.
+    """
+    ends = edges.ravel()
+    total = np.bincount(ends, np.repeat(edge_length, 2), minlength=vertex_count)
+    mean = total / np.maximum(np.bincount(ends, minlength=vertex_count), 1)
+    return mean**2 / (8.0 * LIMB_RADIUS)
 
 
 def _four_joints(index: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Compilation of the Warp kernels, once, before jobs run side by side: parallel cold starts are several times slower."""
+"""Compilation of the Warp kernels, once, before jobs run side by side: cold starts in parallel are far slower."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geometry.rotations import slerp_poses
-from sim.body_contact import BodyContact, Skeleton, Skin
+from sim.body_contact import BodyContact, Skeleton, Skin, sag
 from sim.body_parts import own_parts, whole_body
 from sim.compile import resolve_device
 from sim.parameters import PARAMETER_NAMES, base_parameters, check_parameters
@@ -107,7 +107,15 @@ class Simulator:
             parts = whole_body(len(body.faces), len(template.vertices))
         skeleton = Skeleton(len(body.joints), body.joints[_PELVIS], device)
         self.contact = BodyContact(
-            body.vertices, body.faces, body.skin_index, body.skin_weight, parts, skeleton, self.settings.reach, device
+            body.vertices,
+            body.faces,
+            body.skin_index,
+            body.skin_weight,
+            parts,
+            sag(self.rest.topology.edges, self.rest.edge_length, len(template.vertices)),
+            skeleton,
+            self.settings.reach,
+            device,
         )
         pinned = self.rest.pinned
         bind_pins = self.rest.vertices[pinned] - skeleton.centre
@@ -236,8 +244,8 @@ class Simulator:
         if depth.max(initial=0.0) > allowed:
             worst = int(np.argmax(depth))
             raise ValueError(
-                f"garment {self.template.name!r} starts inside the body: {int((depth > allowed).sum())} vertices deeper "
-                f"than {allowed * 1e3:g} mm, vertex {worst} by {depth[worst] * 1e3:.1f} mm"
+                f"garment {self.template.name!r} starts inside the body: {int((depth > allowed).sum())} vertices "
+                f"deeper than {allowed * 1e3:g} mm, vertex {worst} by {depth[worst] * 1e3:.1f} mm"
             )
 
 

@@ -131,7 +131,7 @@ class XpbdSolver:
         Args:
             substeps: Number of substeps in it.
             transforms: Skinning transforms at its end, bind to world, shape [J, 4, 4].
-            origin: Floating origin for it [m], shape [3]; a constant translation, so the dynamics stay those of the world.
+            origin: Floating origin for it [m], shape [3]; a translation alone, so the dynamics stay those of the world.
         """
         self.skeleton.set(transforms, origin)
         if substeps not in self._graphs:

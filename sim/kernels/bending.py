@@ -66,7 +66,7 @@ def damp_bending(
     parameters: wp.array(dtype=SubstepParameters),
     v: wp.array(dtype=wp.vec3),
 ):
-    """Stiffness-proportional damping of a colour over ``span`` substeps, implicit in each hinge; updates ``v`` [m/s]."""
+    """Stiffness-proportional damping of a colour over ``span`` substeps, implicit in each hinge; moves ``v`` [m/s]."""
     h = hinges[first + wp.tid()]
     p = parameters[0]
     stiffness = p.bend * p.bend_damping * span

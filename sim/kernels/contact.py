@@ -51,7 +51,7 @@ def smooth_normals(
     start: wp.array(dtype=wp.vec3),
     end: wp.array(dtype=wp.vec3),
 ):
-    """Area-weighted vertex normals at the end of the interval; ``corners`` holds the other two vertices of each face."""
+    """Area-weighted vertex normals at the interval's end; ``corners`` holds the other two vertices of each face."""
     i = wp.tid()
     start[i] = end[i]
     p = points[i]
@@ -156,7 +156,7 @@ def closest_point(
     normals: wp.array(dtype=wp.vec3),
 ):
     hit = SurfaceHit()
-    hit.found = int(0)
+    hit.found = 0
     nearest = float(reach)
     for slot in range(4):
         part = owned[slot]
@@ -187,6 +187,7 @@ def find_contacts(
     reach: float,
     passes: int,
     inverse_mass: wp.array(dtype=float),
+    standoff: wp.array(dtype=float),
     owned: wp.array(dtype=wp.vec4i),
     meshes: wp.array(dtype=wp.uint64),
     first_face: wp.array(dtype=int),
@@ -207,7 +208,7 @@ def find_contacts(
     under another, so the query is repeated, at most ``passes`` times.
     """
     i = wp.tid()
-    thickness = parameters[0].thickness
+    thickness = parameters[0].thickness + standoff[i]
     position = x[i]
     # The face of the last query bounds the distance, which prunes most of the search.
     bound = reach
@@ -242,5 +243,5 @@ def find_contacts(
         above = hit.distance
     else:
         lean[i] = wp.vec3(0.0, 0.0, 0.0)
-    # Where the plane of the smooth normal lies nearer than the surface itself, keep that gap: closing it would be a kick.
+    # Where the smooth normal's plane lies nearer than the surface itself, keep that gap: closing it would be a kick.
     clearance[i] = wp.min(thickness, above)

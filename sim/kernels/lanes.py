@@ -33,7 +33,7 @@ def gather(values: wp.array(dtype=wp.vec3), index: wp.vec4i):
 
 
 @wp.func
-def gather(values: wp.array(dtype=float), index: wp.vec4i):
+def gather_scalars(values: wp.array(dtype=float), index: wp.vec4i):
     return wp.vec4(values[index[0]], values[index[1]], values[index[2]], values[index[3]])
 
 
@@ -55,7 +55,7 @@ def times(a: wp.vec4, b: wp.vec4):
 
 
 @wp.func
-def times(a: Vectors, b: wp.vec4):
+def scaled(a: Vectors, b: wp.vec4):
     r = Vectors()
     r.x = wp.cw_mul(a.x, b)
     r.y = wp.cw_mul(a.y, b)

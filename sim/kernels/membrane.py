@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from sim.kernels.lanes import Vectors, gather, inner, inverse, minus, plus, root, scatter, times
+from sim.kernels.lanes import Vectors, gather, gather_scalars, inner, inverse, minus, plus, root, scaled, scatter, times
 from sim.kernels.parameters import SubstepParameters
 
 # Contracted products and full inlining make a triangle twice as fast as the default flags do.
@@ -60,7 +60,7 @@ class Deformation:
 
 @wp.func
 def column(e1: Vectors, e2: Vectors, d1: wp.vec4, d2: wp.vec4):
-    return plus(times(e1, d1), times(e2, d2))
+    return plus(scaled(e1, d1), scaled(e2, d2))
 
 
 @wp.func
@@ -76,9 +76,9 @@ def deform(t: Triangles, x0: Vectors, x1: Vectors, x2: Vectors, inverse_mass: wp
     s.over_lu = inverse(s.lu)
     s.over_lv = inverse(s.lv)
     s.shear = inner(s.wu, s.wv)
-    m0 = gather(inverse_mass, t.i0)
-    m1 = gather(inverse_mass, t.i1)
-    m2 = gather(inverse_mass, t.i2)
+    m0 = gather_scalars(inverse_mass, t.i0)
+    m1 = gather_scalars(inverse_mass, t.i1)
+    m2 = gather_scalars(inverse_mass, t.i2)
     du0 = -(t.du1 + t.du2)
     dv0 = -(t.dv1 + t.dv2)
     s.mu0 = times(m0, du0)
@@ -115,8 +115,8 @@ class Push:
 def solve(s: Deformation, t: Triangles, p: SubstepParameters, span: float, cu: wp.vec4, cv: wp.vec4, cs: wp.vec4):
     """Solve ``(J W J^T + alpha) dl = -c`` with ``alpha = 1 / (span k A dt^2 / density)`` and apply ``J^T dl``.
 
-    Both sides are scaled by the roots of the stiffnesses, ``I + S J W J^T S``: sound for every stiffness including zero,
-    and each pivot of its LDL^T is at least 1, rounding included.
+    Both sides are scaled by the roots of the stiffnesses, ``I + S J W J^T S``: sound for every stiffness, zero
+    included, and each pivot of its LDL^T is at least 1, rounding included.
     """
     one = wp.vec4(1.0, 1.0, 1.0, 1.0)
     stretch = t.root_area * (p.stretch_root * wp.sqrt(span))
@@ -152,8 +152,8 @@ def solve(s: Deformation, t: Triangles, p: SubstepParameters, span: float, cu: w
     along_v = times(times(sv, rv), s.over_lv)
     across = times(ss, rs)
     push = Push()
-    push.u = plus(times(s.wu, along_u), times(s.wv, across))
-    push.v = plus(times(s.wv, along_v), times(s.wu, across))
+    push.u = plus(scaled(s.wu, along_u), scaled(s.wv, across))
+    push.v = plus(scaled(s.wv, along_v), scaled(s.wu, across))
     return push
 
 
@@ -191,7 +191,7 @@ def damp_membrane(
     x: wp.array(dtype=wp.vec3),
     v: wp.array(dtype=wp.vec3),
 ):
-    """Stiffness-proportional damping of a colour over ``span`` substeps, implicit in each triangle; updates ``v`` [m/s].
+    """Stiffness-proportional damping of a colour over ``span`` substeps, implicit in each triangle; moves ``v`` [m/s].
 
     Force ``-k tau dC/dt`` per constraint. It acts on velocities, apart from the positions' solve: inside it (Macklin et
     al. 2016, eq. 26), damping holds back the corrections themselves, and cloth sags ``1 + tau/dt`` times as far.
