@@ -1,0 +1,257 @@
+"""What is said about each table, chart and row of pictures: content, the paper's counterpart, origin and split."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Caption:
+    """Caption of a block.
+
+    Attributes:
+        title: A few words.
+        what: What is shown and how to read it.
+        answers: Table or figure of a paper that it stands for.
+        made: Rule, module and file that made it.
+        split: Which part of the data it is measured on.
+        columns: Columns of the short form of a table, in order; empty: all.
+        other: True for figures that others published, on other data.
+    """
+
+    title: str
+    what: str = ""
+    answers: str = ""
+    made: str = ""
+    split: str = ""
+    columns: tuple[str, ...] = ()
+    other: bool = False
+
+
+def _made(rule: str, module: str, table: str) -> str:
+    return f"{rule} → {module} → tables/{table}.csv"
+
+
+_OTHER = "Other data, other garments, other machines: for orientation, not for a comparison."
+
+CAPTIONS: dict[str, Caption] = {
+    "simulation": Caption(
+        "Simulated data",
+        "One row a garment and plan. Strain is the change of an edge's length against the template; penetration and "
+        "time are those of the simulator.",
+        "Wang 2019, section 4; Shi 2023, section 4.1 (data sets).",
+        _made("evaluate_simulation", "evaluation/simulation.py", "simulation"),
+        "All splits together.",
+        (
+            "garment",
+            "plan",
+            "sequences",
+            "frames",
+            "parameter_sets",
+            "clips",
+            "dropped",
+            "retried",
+            "p99_edge_strain_median_percent",
+            "p99_edge_strain_max_percent",
+            "deepest_penetration_max_mm",
+            "residual_speed_max_mm_s",
+            "time_a_frame_median_s",
+        ),
+    ),
+    "dropped": Caption(
+        "Dropped simulations",
+        "Each with the reason of its last attempt.",
+        made=_made("evaluate_simulation", "evaluation/simulation.py", "dropped"),
+        columns=("garment", "plan", "clip", "label", "phi", "attempts", "reason"),
+    ),
+    "ranges": Caption(
+        "Intrinsic parameters",
+        "Drawn once for each parameter set, fixed for a whole simulation, stored with it. The base values are those of "
+        "the motions plan.",
+        "Wang 2019, section 4 (three groups of parameters).",
+        "configuration → sim/parameters.py",
+    ),
+    "shape_descriptor": Caption(
+        "Reconstruction of single frames",
+        "Root mean squared vertex distance of a frame that went through the descriptor and back. Principal components "
+        "are fitted on the same training frames.",
+        "Wang 2019, Figure 7 (descriptor against PCA), Figure 6 (Laplacian term).",
+        _made("evaluate_shape_descriptor", "models/shape_descriptor.py", "shape_descriptor"),
+        "Named in each group of rows.",
+    ),
+    "descriptor_curve": Caption(
+        "Error against the length of the code",
+        "Lower and further left is better. One panel a garment and split.",
+        "Wang 2019, Figure 7.",
+        "evaluate_shape_descriptor → report/plots.py",
+    ),
+    "motion_invariant": Caption(
+        "Own and transferred latents",
+        "Reconstruction decodes a frame's own latent with its own motion; transfer decodes the latent of one frame "
+        "with the motion of another and is held against the simulation of that motion. The latent variance ratio is 0 "
+        "for a latent that knows nothing of the motion. The motion-only control shows what no latent at all achieves.",
+        "Wang 2019, Figures 10 and 11.",
+        _made("evaluate_motion_invariant", "models/motion_invariant.py", "motion_invariant"),
+        "Named in each group of rows; parameter sets and takes are disjoint.",
+    ),
+    "parameter_recovery": Caption(
+        "What the latent knows of the parameters",
+        "R² of a ridge regression from the latent to each parameter (its logarithm where it is drawn so): 1 is "
+        "recovered, 0 no better than the mean, below 0 worse.",
+        "Wang 2019 shows it by pictures; no published figure.",
+        _made("evaluate_motion_invariant", "models/motion_invariant.py", "parameter_recovery"),
+        "Parameter sets that were not trained on.",
+    ),
+    "recovery_bars": Caption(
+        "Recovered parameters",
+        "Bars are cut off at −0.25.",
+        made="evaluate_motion_invariant → report/plots.py",
+    ),
+    "motion_reconstruction": Caption(
+        "Reconstructed motions",
+        "Poses in 6-D form, body vertices with the root at rest. Two ways that learn nothing stand beside the network.",
+        "Shi 2023, Table 3.",
+        _made("evaluate_motion", "evaluation/motion.py", "motion_reconstruction"),
+        "Clips that were not trained on.",
+        ("method", "pose_rmse", "vertex_rmse_m", "hausdorff_m", "sted", "motions"),
+    ),
+    "motion_generation": Caption(
+        "Generated motions",
+        "Mean and 95% interval over repetitions. FID: lower is better; diversity and multimodality: nearest to the "
+        "real ones is better, so none is marked. The mean pose standing still is a control that must fail. "
+        "Discontinuous: share of motions with a joint acceleration above the 99.9th percentile of the real ones.",
+        "Shi 2023, Tables 4 and 5 (the user study is replaced by the discontinuity).",
+        _made("evaluate_motion", "evaluation/motion.py", "motion_generation"),
+        "As many motions as the test split has, with its labels.",
+        ("source", "fid", "accuracy_percent", "diversity", "multimodality", "discontinuous_percent", "motions"),
+    ),
+    "garment_regressor": Caption(
+        "Regressors and baselines",
+        "Figures of each sequence, averaged over sequences. Reference rows (italic) see the truth and are no methods: "
+        "the simulation itself, and the floor that a linear space of its size cannot get below.",
+        "Shi 2023, Tables 6, 7 and 9; Peng 2023 (GSNet), Table 1 for edge, bend and collision.",
+        _made("evaluate_garment_regressor", "evaluation/regressor.py", "garment_regressor"),
+        "Unseen motions, base parameters.",
+        (
+            "garment",
+            "split",
+            "method",
+            "rmse_mm",
+            "mean_vertex_mm",
+            "hausdorff_mm",
+            "sted",
+            "normal_cosine",
+            "edge_mm",
+            "bend",
+            "collision_rate_percent",
+            "sequences",
+        ),
+    ),
+    "regressor_bars": Caption(
+        "Error by method",
+        "Blue: networks; orange: tuned against collisions; light blue: baselines; grey: references.",
+        "Shi 2023, Tables 6 and 7.",
+        "evaluate_garment_regressor → report/plots.py",
+        "Unseen motions.",
+    ),
+    "collision_tuning": Caption(
+        "Collision tuning",
+        "On generated motions. Motions with heavy interpenetration are left out of the tuning. Depth is the mean of "
+        "the vertices that are inside.",
+        "Shi 2023, section 3.4 and Figure 10.",
+        "fine_tune_regressor → models/collision_tuning.py → tables/collision_tuning.csv",
+        "Generated motions, no ground truth.",
+    ),
+    "refinement": Caption(
+        "Before and after refinement",
+        "Share of vertices inside the body, or nearer than 1 mm, and the deepest one, before and after the refinement; "
+        "its cost in error against the truth.",
+        "Wang 2019, section 3.5; Shi 2023, Figure 10.",
+        _made("evaluate_garment_regressor", "models/refinement.py", "garment_regressor"),
+        "Unseen motions, every n-th frame.",
+        (
+            "garment",
+            "split",
+            "method",
+            "collision_rate_percent",
+            "refined_collision_rate_percent",
+            "collision_rate_1mm_percent",
+            "refined_collision_rate_1mm_percent",
+            "deepest_mm",
+            "refined_deepest_mm",
+            "rmse_mm",
+            "refined_rmse_mm",
+        ),
+    ),
+    "timing": Caption(
+        "Seconds a frame",
+        "Median and 95th percentile after a warm-up. The speed-up is against the implicit solver of this project on "
+        "this machine, in this run.",
+        "Shi 2023, Table 2; Wang 2019, section 5.",
+        _made("time_solvers", "sim/timing.py", "timing"),
+        columns=(
+            "garment",
+            "solver",
+            "vertices",
+            "frames",
+            "substeps",
+            "median_s_per_frame",
+            "p95_s_per_frame",
+            "speed_up_over_implicit",
+        ),
+    ),
+    "timing_bars": Caption(
+        "Seconds a frame",
+        "Logarithmic. Green: XPBD; yellow: implicit Euler; blue: networks; grey: ARCSim on other hardware.",
+        "Shi 2023, Table 2.",
+        "time_solvers → report/plots.py",
+    ),
+    "losses": Caption(
+        "Losses",
+        "Logarithmic; blue: training, orange: validation. Losses of different networks have different units.",
+        made="train_* → models/training.py → training/**/losses.csv",
+    ),
+    "stages": Caption(
+        "Time and memory by stage",
+        "Seconds of all jobs of a stage added up; jobs run side by side, so the run took less. Memory is the largest "
+        "resident set of a job.",
+        made="benchmark files of the workflow",
+    ),
+    "published_reconstruction": Caption("Published reconstruction", _OTHER, "Shi 2023, Table 3.", other=True),
+    "published_generation": Caption("Published generation", _OTHER, "Shi 2023, Table 4.", other=True),
+    "published_regressors": Caption("Published regressors", _OTHER, "Shi 2023, Tables 6 and 9.", other=True),
+    "published_gsnet": Caption("Published regressors, GSNet's figures", _OTHER, "Peng 2023, Table 1.", other=True),
+    "published_timing": Caption(
+        "Times elsewhere",
+        "Published on other hardware, or measured once outside of this run. Means, where no median was published.",
+        "Shi 2023, Table 2; Wang 2019, section 5.",
+        other=True,
+    ),
+    "pictures_simulated": Caption("Simulated", "Lively sequences of the data set.", made="render → pipeline/render.py"),
+    "pictures_materials": Caption(
+        "One motion, several materials",
+        "The same clip and frame under clearly different parameter sets.",
+        "Wang 2019, Figure 1.",
+        "render → pipeline/render.py",
+    ),
+    "pictures_contact": Caption("More of the data", made="render → pipeline/render.py"),
+    "pictures_error": Caption(
+        "Truth, prediction, error",
+        "From left to right; the error in millimetres on the cloth.",
+        "Shi 2023, Figure 6.",
+        "render → pipeline/render.py",
+        "A motion that was not trained on.",
+    ),
+    "pictures_refined": Caption(
+        "Before and after refinement",
+        "",
+        "Shi 2023, Figure 10.",
+        "render → pipeline/render.py",
+    ),
+    "pictures_generated": Caption(
+        "Generated",
+        "Label → motion CVAE → ground → garment regressor → refinement. No simulator was involved.",
+        "Shi 2023, Figure 1.",
+        "render → pipeline/render.py",
+    ),
+}
