@@ -145,11 +145,10 @@ def render_spec(config: Config, garment: str) -> str:
         | {
             "garment": garment,
             "report": config["report"],
-            "labels": motion_labels(config["motions"]),
             "refinement": config["models"]["refinement"],
-            "fps": config["motions"]["fps"],
-            "frames": config["motions"]["frames"],
         }
+        | _labels(config)
+        | {name: config["motions"][name] for name in ("frames", "fps", "lead_in")}
     )
 
 
