@@ -92,19 +92,19 @@ class FootPlan:
         track = FootTrack(
             np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count), np.zeros(count), np.ones(count, dtype=bool)
         )
-        landed, place, yaw, strike = -np.inf, self.place, self.yaw, 0.0
+        stance = _Stance(-np.inf, self.place, self.yaw, 0.0)
         for step in [*self.steps, None]:
             lift = step.lift if step else np.inf
-            inside = (times >= landed) & (times < lift)
+            inside = (times >= stance.landed) & (times < lift)
             if inside.any():
-                pitch = _stance_pitch(times[inside], landed, lift, strike, step.push if step else 0.0)
-                self._write(track, inside, self._rolled(place, yaw, pitch), pitch, np.full(inside.sum(), yaw))
+                pitch = stance.pitch(times[inside], lift, step.push if step else 0.0)
+                self._write(track, inside, self._rolled(stance, pitch), pitch, np.full(inside.sum(), stance.yaw))
             if step is None:
                 break
             inside = (times >= step.lift) & (times < step.land)
             if inside.any():
-                self._swing(track, inside, times[inside], landed, place, yaw, strike, step)
-            landed, place, yaw, strike = step.land, step.place, step.yaw, step.strike
+                self._swing(track, inside, times[inside] - step.lift, stance, step)
+            stance = _Stance(step.land, step.place, step.yaw, step.strike)
         return track
 
     def _write(self, track: FootTrack, rows: np.ndarray, ankle: np.ndarray, pitch: np.ndarray, yaw: np.ndarray) -> None:
@@ -116,66 +116,76 @@ class FootPlan:
         """Rotation from the zero pose; the foot's own direction is undone first: yaw 0 points straight ahead."""
         return rotation_about("y", yaw) @ rotation_about("x", pitch) @ rotation_about("y", -self.shape.natural_yaw)
 
-    def _rolled(self, place: tuple[float, float], yaw: float, pitch: np.ndarray) -> np.ndarray:
+    def _rolled(self, stance: _Stance, pitch: np.ndarray) -> np.ndarray:
         """Ankle positions [T, 3] of a standing foot rolled about its ball (heel up) or its heel (toes up)."""
         pivot = np.where(pitch[:, None] > 0.0, self.shape.ball, self.shape.heel)
         rolled = pivot - np.einsum("tij,tj->ti", rotation_about("x", pitch), pivot)
-        flat = np.array([place[0], self.shape.ankle[1], place[1]])
-        return flat + rolled @ rotation_about("y", yaw).T
+        flat = np.array([stance.place[0], self.shape.ankle[1], stance.place[1]])
+        return flat + rolled @ rotation_about("y", stance.yaw).T
 
-    def _swing(
-        self,
-        track: FootTrack,
-        rows: np.ndarray,
-        times: np.ndarray,
-        landed: float,
-        place: tuple[float, float],
-        yaw: float,
-        strike: float,
-        step: Step,
-    ) -> None:
+    def _swing(self, track: FootTrack, rows: np.ndarray, elapsed: np.ndarray, stance: _Stance, step: Step) -> None:
+        """Write the frames of a step, `elapsed` seconds after lifting, that follows a stance."""
         duration = step.land - step.lift
-        s = (times - step.lift) / duration
         # The state at lifting by a one-sided difference of the stance, which is exact enough and follows any roll.
         tick = 1e-4
-        before = np.array([step.lift - tick, step.lift - 1e-9])
-        pitches = _stance_pitch(before, landed, step.lift, strike, step.push)
-        ankles = self._rolled(place, yaw, pitches)
-        start, speed = ankles[1], (ankles[1] - ankles[0]) / tick
-        end = self._rolled(step.place, step.yaw, np.array([step.strike]))[0]
-        along = _take_over(s / LANDED_EARLY, start, speed * duration * LANDED_EARLY, end)
-        upward = _take_over(s, start, speed * duration, end)
-        ankle = np.stack([along[:, 0], upward[:, 1], along[:, 2]], axis=-1)
-        turned = yaw + (step.yaw - yaw) * minimum_jerk(s / LANDED_EARLY)
-        warped = s**step.early
-        bump = 4.0 * s * (1.0 - s) if step.ballistic else (4.0 * warped * (1.0 - warped)) ** 1.5
-        reach = minimum_jerk(s / 0.5) * minimum_jerk((1.0 - s) / 0.5)
-        if step.rise is not None:
-            bump = reach = minimum_jerk(s * duration / step.rise) * minimum_jerk((1.0 - s) * duration / step.rise)
-        ankle += np.einsum(
-            "tij,tj->ti",
-            rotation_about("y", turned),
-            np.stack([step.reach[0] * reach, step.height * bump, step.reach[1] * reach], axis=-1),
-        )
-        pitch_speed = (pitches[1] - pitches[0]) / tick * duration
-        pitch = _take_over(s, pitches[1:], np.array([pitch_speed]), np.array([step.strike]))[:, 0] + step.point * bump
-        track.ankle[rows], track.yaw[rows], track.planted[rows] = ankle, turned, False
-        track.rotation[rows] = self._rotation(turned, pitch)
-        toe_start, toe_end = max(pitches[1], 0.0), max(step.strike, 0.0)
-        track.toe[rows] = toe_start * (1.0 - minimum_jerk(s / 0.45)) + toe_end * minimum_jerk((s - 0.6) / 0.4)
+        pitches = stance.pitch(step.lift - np.array([tick, 1e-9]), step.lift, step.push)
+        ankles = self._rolled(stance, pitches)
+        ankle_speed, pitch_speed = (ankles[1] - ankles[0]) / tick, (pitches[1:] - pitches[:1]) / tick
+        end = self._rolled(_Stance(step.land, step.place, step.yaw, step.strike), np.array([step.strike]))[0]
+        # A foot that is kept up is over its next place as soon as it is up; other feet arrive just before they land.
+        settled = duration if step.rise is None else min(step.rise, duration)
+        arrival = LANDED_EARLY * settled
+        ankle = _take_over(elapsed / arrival, ankles[1], ankle_speed * arrival, end)
+        ankle[:, 1] = _take_over(elapsed / settled, ankles[1], ankle_speed * settled, end)[:, 1]
+        yaw = stance.yaw + (step.yaw - stance.yaw) * minimum_jerk(elapsed / arrival)
+        bump, reach = _bump(elapsed, duration, step)
+        extra = np.stack([step.reach[0] * reach, step.height * bump, step.reach[1] * reach], axis=-1)
+        ankle += np.einsum("tij,tj->ti", rotation_about("y", yaw), extra)
+        pitch = _take_over(elapsed / settled, pitches[1:], pitch_speed * settled, np.array([step.strike]))[:, 0]
+        pitch += step.point * (bump if step.rise is None else reach)
+        track.ankle[rows], track.yaw[rows], track.planted[rows] = ankle, yaw, False
+        track.rotation[rows] = self._rotation(yaw, pitch)
+        # Near the ground the toes stay level, whatever the pitch of the foot; in the air they are straight.
+        s = elapsed / settled
+        level = 1.0 - minimum_jerk((s - 0.15) / 0.45) + minimum_jerk((s - 0.6) / 0.4)
+        track.toe[rows] = np.maximum(pitch, 0.0) * level
 
 
-def _stance_pitch(times: np.ndarray, landed: float, lift: float, strike: float, push: float) -> np.ndarray:
-    """Pitch of a standing foot, shape [T]: the strike fades after landing, the push grows before lifting."""
-    stance = lift - landed
-    roll_in = min(ROLL_IN_SECONDS, 0.3 * stance)
-    roll_out = min(ROLL_OUT_SECONDS, 0.5 * stance, 0.8 * lift)  # a clip starts with calm feet
-    pitch = np.zeros(len(times))
-    if strike and np.isfinite(landed):
-        pitch += strike * (1.0 - minimum_jerk((times - landed) / roll_in))
-    if push and np.isfinite(lift):
-        pitch += push * np.clip((times - (lift - roll_out)) / roll_out, 0.0, 1.0) ** ROLL_POWER
-    return pitch
+@dataclass(frozen=True)
+class _Stance:
+    """A foot on the ground: since when [s], where (x, z) [m], its yaw and its pitch at landing [rad]."""
+
+    landed: float
+    place: tuple[float, float]
+    yaw: float
+    strike: float
+
+    def pitch(self, times: np.ndarray, lift: float, push: float) -> np.ndarray:
+        """Pitch [rad], shape [T]: the strike fades after landing, the push grows before lifting."""
+        duration = lift - self.landed
+        roll_in = min(ROLL_IN_SECONDS, 0.3 * duration)
+        roll_out = min(ROLL_OUT_SECONDS, 0.5 * duration, 0.8 * lift)  # a clip starts with calm feet
+        pitch = np.zeros(len(times))
+        if self.strike and np.isfinite(self.landed):
+            pitch += self.strike * (1.0 - minimum_jerk((times - self.landed) / roll_in))
+        if push and np.isfinite(lift):
+            pitch += push * np.clip((times - (lift - roll_out)) / roll_out, 0.0, 1.0) ** ROLL_POWER
+        return pitch
+
+
+def _bump(elapsed: np.ndarray, duration: float, step: Step) -> tuple[np.ndarray, np.ndarray]:
+    """Profiles of a swing's height and of its reach, 0 at both ends and 1 in the middle, each shape [T].
+
+    The foot is off the ground before it reaches anywhere, and back over its place before it comes down.
+    """
+    if step.rise is not None:
+        risen, left = elapsed / step.rise, (duration - elapsed) / step.rise
+        height = minimum_jerk(risen) * minimum_jerk(left)
+        return height, minimum_jerk((risen - 0.2) / 0.8) * minimum_jerk((left - 0.2) / 0.8)
+    s = elapsed / duration
+    warped = s**step.early
+    height = 4.0 * s * (1.0 - s) if step.ballistic else (4.0 * warped * (1.0 - warped)) ** 1.5
+    return height, minimum_jerk((s - 0.08) / 0.42) * minimum_jerk((0.92 - s) / 0.42)
 
 
 def _take_over(s: np.ndarray, start: np.ndarray, speed: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -199,7 +199,7 @@ def generate_clip(label: str, variant: int, frames: int, fps: float, seed: int, 
         tempo *= max(0.75, 0.96 * MAX_JOINT_SPEED / fastest)
     else:
         # What gravity times (a landing) does not follow the tempo: the whole clip is played slower.
-        pose, root = _perform(label, variant, times * MAX_JOINT_SPEED / fastest, seed, figure, tempo)
+        pose, root = _perform(label, variant, times * 0.95 * MAX_JOINT_SPEED / fastest, seed, figure, tempo)
     name = f"{label}_{variant:03d}"
     return Clip(name=name, take=name, label=label, pose=pose, root=root, fps=fps, source="procedural")
 

@@ -68,7 +68,7 @@ def bow(stage: Stage, angle: float = 1.0, hold: float = 0.35, style: str = "stra
                 performance.arms[arm].spread += 0.35 * down
             duration = stage.seconds(0.45)
             back = stage.beside(behind, ahead=-0.24, outward=-0.08)
-            stage.step(behind, start + 0.02, duration, back, 0.3 * stage.outward(behind), push=0.3, strike=0.5)
+            stage.step(behind, start + 0.15, duration, back, 0.3 * stage.outward(behind), push=0.3, strike=0.5)
             leave = start + stage.seconds(0.9 + hold)
             stage.step(behind, leave, duration, stage.beside(behind), performance.feet[behind].yaw, push=0.6)
         else:
@@ -224,8 +224,9 @@ def balance_on_one_leg(stage: Stage) -> None:
         performance.feet[leg].yaw,
         height=0.38,
         reach=(0.0, 0.2),
-        push=0.3,
-        point=0.5,
+        push=0.4,
+        strike=0.4,
+        point=0.2,
         rise=stage.seconds(0.6),
     )
     up = transition(times, 0.1, 0.6)

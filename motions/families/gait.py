@@ -63,14 +63,14 @@ class Gait:
 
 GAITS: dict[str, Gait] = {
     "walk": Gait(speed=1.0, cycle=1.06),
-    "walk-slow": Gait(speed=0.65, cycle=1.35, duty=0.64, height=0.05, push=0.5, strike=-0.2, arm_swing=0.22),
+    "walk-slow": Gait(speed=0.65, cycle=1.35, duty=0.64, height=0.065, push=0.5, strike=-0.2, arm_swing=0.22),
     "walk-fast": Gait(speed=1.4, cycle=0.9, duty=0.56, height=0.08, arm_swing=0.55, elbow=0.6, lean=0.07),
     "walk-back": Gait(
         speed=0.75, cycle=1.12, duty=0.62, heading=np.pi, push=0.15, strike=0.3, height=0.07, arm_swing=0.15, ahead=0.5
     ),
     "walk-in-place": Gait(speed=0.0, cycle=1.0, height=0.13, push=0.6, strike=0.2, arm_swing=0.3, ahead=0.5),
     "walk-curve": Gait(speed=1.0, cycle=1.1, turning=0.75),
-    "tiptoe": Gait(speed=0.6, cycle=0.95, duty=0.62, height=0.08, push=0.75, strike=0.55, arm_swing=0.1, drop=-0.01),
+    "tiptoe": Gait(speed=0.6, cycle=0.95, duty=0.62, height=0.095, push=0.75, strike=0.55, arm_swing=0.1, drop=-0.01),
     "stride": Gait(speed=1.2, cycle=1.2, duty=0.57, height=0.09, arm_swing=0.5, drop=0.02, pelvis_turn=0.16),
     "stomp": Gait(speed=0.75, cycle=1.1, duty=0.58, height=0.24, reach=0.1, push=0.4, strike=0.0, drop=0.02, bob=0.02),
     "run": Gait(
@@ -188,7 +188,7 @@ GAITS: dict[str, Gait] = {
         cycle=0.72,
         duty=0.56,
         turning=2.9,
-        height=0.06,
+        height=0.085,
         push=0.45,
         strike=0.25,
         arm_swing=0.05,
@@ -214,7 +214,7 @@ GAITS: dict[str, Gait] = {
         cycle=0.66,
         duty=0.54,
         heading=np.pi / 2,
-        height=0.05,
+        height=0.065,
         push=0.3,
         strike=0.2,
         arm_swing=0.05,
@@ -276,7 +276,7 @@ def travel(stage: Stage, gait: str, direction: str | None = None, hands: str = "
                     land=land,
                     place=(float(place[0]), float(place[1])),
                     yaw=turned + plan.yaw * 0.7,
-                    height=manner.height * style.amplitude * begun,
+                    height=manner.height * (0.6 + 0.4 * style.amplitude) * (0.6 + 0.4 * begun),
                     push=manner.push * begun * min(style.amplitude, 1.1),
                     strike=manner.strike * begun,
                     reach=(0.0, manner.reach * style.amplitude * begun),
