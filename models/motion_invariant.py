@@ -56,9 +56,9 @@ class Variant:
 
 VARIANTS: dict[str, Variant] = {
     "paper": Variant("u-blocks", variance=1.0, own=0.1, cross=0.0),
-    "cross": Variant("u-blocks", variance=0.0, own=0.2, cross=1.0),
+    "cross": Variant("u-blocks", variance=0.1, own=0.2, cross=1.0),
     "concatenate": Variant("concatenate", variance=1.0, own=0.1, cross=0.0),
-    "concatenate-cross": Variant("concatenate", variance=0.0, own=0.2, cross=1.0),
+    "concatenate-cross": Variant("concatenate", variance=0.1, own=0.2, cross=1.0),
     "motion-only": Variant("motion-only", variance=0.0, own=1.0, cross=0.0),
 }
 

@@ -277,7 +277,7 @@ def _check_terms(terms: dict[str, Tensor], epoch: int, batch: int) -> None:
     if "total" not in terms:
         raise ValueError(f'loss: needs a term "total", got {", ".join(terms)}')
     if not torch.isfinite(terms["total"]).item():
-        parts = ", ".join(f"{name} {float(value):g}" for name, value in terms.items())
+        parts = ", ".join(f"{name} {float(value.detach()):g}" for name, value in terms.items())
         raise ValueError(f"training diverged at epoch {epoch + 1}, batch {batch + 1}: {parts}; lower the learning rate")
 
 
