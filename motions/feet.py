@@ -184,7 +184,7 @@ def _bump(elapsed: np.ndarray, duration: float, step: Step) -> tuple[np.ndarray,
         return height, minimum_jerk((risen - 0.2) / 0.8) * minimum_jerk((left - 0.2) / 0.8)
     s = elapsed / duration
     warped = s**step.early
-    height = 4.0 * s * (1.0 - s) if step.ballistic else (4.0 * warped * (1.0 - warped)) ** 1.5
+    height = 4.0 * s * (1.0 - s) if step.ballistic else (4.0 * warped * (1.0 - warped)) ** 1.75
     return height, minimum_jerk((s - 0.08) / 0.42) * minimum_jerk((0.92 - s) / 0.42)
 
 
