@@ -121,6 +121,7 @@ class Simulator:
         bind_pins = self.rest.vertices[pinned] - skeleton.centre
         pins = Skin(bind_pins, template.skin_index[pinned], template.skin_weight[pinned], device)
         self.solver = XpbdSolver(self.rest, skeleton, self.contact, pins, device)
+        self._shortest_absurd = (1.0 + self.settings.absurd_strain) * self.rest.edge_length.min()
         self._rested: _Rested | None = None
         self._check_start()
 
@@ -141,12 +142,14 @@ class Simulator:
         transforms = _transforms_at(self.body, pose, root, query_times(total, counts))
         origins = _moved(transforms[:, _PELVIS], self.body.joints[_PELVIS])
 
+        started = time.perf_counter()
         rested = self._settle(parameters, counts)
+        settle_seconds = time.perf_counter() - started
         self._set_parameters(parameters, 0.0)
         self.solver.place(*self._carried(rested, transforms[0]), transforms[0], origins[0])
 
         recorded = np.empty((total - lead_in, self.solver.count, 3), dtype=np.float32)
-        seconds = np.zeros(total - lead_in)
+        seconds = np.zeros(total)
         inside, deepest, failure = 0, 0.0, None
         query = 0
         for frame in range(total):
@@ -155,18 +158,17 @@ class Simulator:
                 for count in counts:
                     query += 1
                     self.solver.advance(count, transforms[query], origins[query])
-            positions = self.solver.positions()
             index = frame - lead_in
-            failure = self._divergence(positions, index)
+            failure = self._divergence(index)
             if failure is not None:
                 # Frames that were not reached repeat the last good one.
                 recorded[max(index, 0) :] = recorded[index - 1] if index > 0 else self.rest.vertices
                 break
             if index >= 0:
-                recorded[index] = positions
-                seconds[index] = time.perf_counter() - begun
+                recorded[index] = self.solver.positions()
                 depth = -self.contact.distance.numpy()
                 inside, deepest = max(inside, int((depth > 0.0).sum())), max(deepest, float(depth.max(initial=0.0)))
+            seconds[frame] = time.perf_counter() - begun
             if progress is not None:
                 progress(frame + 1, total)
 
@@ -178,9 +180,11 @@ class Simulator:
             "vertices_inside": float(inside),
             "residual_speed_m_s": rested.speed,
             "substeps": float(substeps),
-            "seconds_per_frame": float(seconds.mean()),
+            "seconds_per_frame": float(seconds[lead_in:].mean()),
         }
-        return SimulationResult(recorded, quality, failure, {"frames": float(seconds.sum())}, seconds)
+        timing = {"settle": settle_seconds, "lead_in": float(seconds[:lead_in].sum())}
+        timing["frames"] = float(seconds[lead_in:].sum())
+        return SimulationResult(recorded, quality, failure, timing, seconds[lead_in:])
 
     def _settle(self, parameters: Mapping[str, float], counts: list[int]) -> _Rested:
         """Let the garment come to rest on the bind-pose body.
@@ -225,15 +229,20 @@ class Simulator:
         dt = parameters["time_scale"] / (self.settings.fps * round(parameters["substeps"]))
         self.solver.set_parameters(parameters, dt, extra_damping, self.settings.max_speed)
 
-    def _divergence(self, positions: np.ndarray, index: int) -> str | None:
+    def _divergence(self, index: int) -> str | None:
+        """Why the state cannot be used, None when it can; cheap, for it is asked every frame."""
+        local = self.solver.x.numpy()
+        i, j = self.rest.topology.edges.T
+        span = local[i] - local[j]
+        stretch = np.sqrt(np.einsum("ek,ek->e", span, span).max())  # NaN and infinity survive the maximum
+        if stretch <= self._shortest_absurd:
+            return None
         where = f"frame {index}" if index >= 0 else f"{-index} frames before the first recorded one"
-        bad = ~np.isfinite(positions).all(axis=1)
+        bad = ~np.isfinite(local).all(axis=1)
         if bad.any():
             return f"{int(bad.sum())} vertices are not finite at {where}"
-        strain = float(np.abs(self.rest.edge_strain(positions)).max())
-        if strain > self.settings.absurd_strain:
-            return f"an edge is strained by {strain:.0%} at {where}"
-        return None
+        strain = float(self.rest.edge_strain(local).max())
+        return f"an edge is strained by {strain:.0%} at {where}" if strain > self.settings.absurd_strain else None
 
     def _check_start(self) -> None:
         """The template on its bind-pose body: no vertex may start deeper inside than the settings allow."""
