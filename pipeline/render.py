@@ -32,7 +32,7 @@ from models.refinement import RefinementSettings, Refiner
 from pipeline.learning import generated_tracks, job_body, regressor_predictor
 from pipeline.plan import MATERIALS, MOTIONS
 from pipeline.stage import Job, run_stage
-from report.gallery import Dressed, Gallery
+from report.gallery import Dressed, Gallery, round_scale
 
 LIVELY = (
     "dance-step", "twist", "jumping-jack", "turn-left", "kick", "run", "dance-sway", "hip-circle", "lunge", "walk-fast",
@@ -134,7 +134,7 @@ def draw_predictions(
     for sequence in sequences:
         truth, predicted = dressed(sequence, body).cut(frames), predict(sequence)[:frames]
         distance = np.linalg.norm(predicted - truth.garment, axis=2)
-        largest = _round_up(float(np.percentile(distance, 98)))
+        largest = round_scale(float(np.percentile(distance, 98)))
         error = 1e3 * rmse(predicted, truth.garment)
         gallery.error(
             truth,
@@ -246,13 +246,8 @@ def _clip_words(row: Mapping) -> str:
 
 
 def _material_words(row: Mapping) -> str:
-    return ", ".join(f"{n.replace('_', ' ')} {float(row[f'parameter_{n}']):.2g}" for n in ("bend", "density"))
-
-
-def _round_up(value: float) -> float:
-    """The next of 1, 2, 5, 10 ... millimetres [m], as the end of a colour bar."""
-    steps = (1e-3 * factor * 10**k for k in range(4) for factor in (1, 2, 5))
-    return next((step for step in steps if step >= value), 5.0)
+    bend, density = float(row["parameter_bend"]), float(row["parameter_density"])
+    return f"bend {1e6 * bend:.0f} µN m, {1e3 * density:.0f} g/m²"
 
 
 if __name__ == "__main__":

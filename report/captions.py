@@ -76,8 +76,8 @@ CAPTIONS: dict[str, Caption] = {
         "Root mean squared vertex distance of a frame that went through the descriptor and back. Principal components "
         "are fitted on the same training frames.",
         "Wang 2019, Figure 7 (descriptor against PCA), Figure 6 (Laplacian term).",
-        _made("evaluate_shape_descriptor", "models/shape_descriptor.py", "shape_descriptor"),
-        "Named in each group of rows.",
+        _made("evaluate_shape_descriptor", "evaluation/descriptor.py", "shape_descriptor"),
+        "Named in each group; best values are marked among methods of equal dimension.",
     ),
     "descriptor_curve": Caption(
         "Error against the length of the code",
@@ -86,20 +86,30 @@ CAPTIONS: dict[str, Caption] = {
         "evaluate_shape_descriptor → report/plots.py",
     ),
     "motion_invariant": Caption(
-        "Own and transferred latents",
-        "Reconstruction decodes a frame's own latent with its own motion; transfer decodes the latent of one frame "
-        "with the motion of another and is held against the simulation of that motion. The latent variance ratio is 0 "
-        "for a latent that knows nothing of the motion. The motion-only control shows what no latent at all achieves.",
+        "Own and transferred latents: RMSE [mm] by variant",
+        "Lower is better. Reconstruction decodes a frame's own latent z with its own motion. Transfer decodes the z of "
+        "one clip, or of one frame of it, with the motion of another clip under the same parameters, and is held "
+        "against the simulation of that motion. In italics what it has to beat: the z of wrong parameters, one mean z "
+        "for all, the mean shape; and the floor, what the shape descriptor alone loses.",
         "Wang 2019, Figures 10 and 11.",
-        _made("evaluate_motion_invariant", "models/motion_invariant.py", "motion_invariant"),
-        "Named in each group of rows; parameter sets and takes are disjoint.",
+        _made("evaluate_motion_invariant", "evaluation/intrinsic.py", "motion_invariant"),
+        "Named in each group; parameter sets and takes are disjoint.",
+    ),
+    "latent_variance": Caption(
+        "Variance of the latent",
+        "Variance within one parameter set over the variance across parameter sets; 0 is a latent that knows "
+        "nothing of the motion. Of single frames, and of the mean of each clip.",
+        "Wang 2019, section 3.4 (the first term of the loss).",
+        _made("evaluate_motion_invariant", "evaluation/intrinsic.py", "motion_invariant"),
+        "Named in each group.",
+        ("garment", "split", "variant", "ratio", "clip_ratio", "phi_count"),
     ),
     "parameter_recovery": Caption(
-        "What the latent knows of the parameters",
+        "What the latent knows of the parameters: R² by variant",
         "R² of a ridge regression from the latent to each parameter (its logarithm where it is drawn so): 1 is "
         "recovered, 0 no better than the mean, below 0 worse.",
         "Wang 2019 shows it by pictures; no published figure.",
-        _made("evaluate_motion_invariant", "models/motion_invariant.py", "parameter_recovery"),
+        _made("evaluate_motion_invariant", "evaluation/intrinsic.py", "parameter_recovery"),
         "Parameter sets that were not trained on.",
     ),
     "recovery_bars": Caption(
@@ -230,8 +240,8 @@ CAPTIONS: dict[str, Caption] = {
     "pictures_simulated": Caption("Simulated", "Lively sequences of the data set.", made="render → pipeline/render.py"),
     "pictures_materials": Caption(
         "One motion, several materials",
-        "The same clip and frame under clearly different parameter sets.",
-        "Wang 2019, Figure 1.",
+        "The same clip under clearly different parameter sets.",
+        "Wang 2019, section 4 (data set).",
         "render → pipeline/render.py",
     ),
     "pictures_contact": Caption("More of the data", made="render → pipeline/render.py"),
@@ -243,9 +253,9 @@ CAPTIONS: dict[str, Caption] = {
         "A motion that was not trained on.",
     ),
     "pictures_refined": Caption(
-        "Before and after refinement",
-        "",
-        "Shi 2023, Figure 10.",
+        "A frame before and after refinement",
+        "The frame with the most vertices inside the body, of all motions shown.",
+        "Wang 2019, section 3.5.",
         "render → pipeline/render.py",
     ),
     "pictures_generated": Caption(

@@ -66,14 +66,20 @@ _TITLES = {
     "refinement_projected_percent": "Refinement: projected [%]",
     "max_rss": "Peak memory [MB]",
     "discontinuous_percent": "Discontinuous [%]",
+    "r_squared": "R²",
+    "ratio": "Variance ratio, frames",
+    "clip_ratio": "Variance ratio, clips",
+    "phi_count": "Parameter sets",
+    "laplacian_rmse_mm": "Laplacian RMSE [mm]",
+    "p95_frame_rmse_mm": "95th percentile of frames [mm]",
     "source": "Source",
 }
 _LOWER = re.compile(
     r"rmse|mean_vertex|hausdorff|^sted|kg_error|normal_cosine|collision|deepest|penetration|inside|error|fid$"
-    r"|discontinu|variance_ratio|strain_|edge_strain|residual_speed|dropped_percent|s_per_frame$|ms_per_frame$"
+    r"|discontinu|variance_ratio|^ratio$|strain_|edge_strain|residual_speed|dropped_percent|s_per_frame$|ms_per_frame$"
     r"|^depth_|chamfer|jerk|skate|^mean_mm$|_ratio$"
 )
-_HIGHER = re.compile(r"(^|_)r2(_|$)|accuracy|frames_per_s$|explained|speed_?up")
+_HIGHER = re.compile(r"(^|_)r2(_|$)|^r_squared$|accuracy|frames_per_s$|explained|speed_?up")
 # Settings, counts and what is neither good nor bad; their names may hold a word of the above.
 _NEITHER = re.compile(
     r"parameters$|every_|stride|^frames$|sequences|motions$|projected|largest_move|retried|substeps|count$|_interval$"
@@ -122,7 +128,7 @@ def format_column(values: Sequence[Cell], like: Sequence[Cell] | None = None) ->
     chosen = values if like is None else like
     numbers = [abs(float(v)) for v in chosen if is_number(v) and math.isfinite(v) and v != 0]
     whole = all(isinstance(v, int) for v in chosen if is_number(v))
-    spread = bool(numbers) and max(numbers) / min(numbers) > 500
+    spread = bool(numbers) and max(numbers) / min(numbers) > 100
     decimals = 0
     if numbers and not whole and not spread:
         typical = sorted(numbers)[len(numbers) // 2]

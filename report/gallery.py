@@ -145,7 +145,7 @@ class Gallery:
         framing = Framing(framing.direction, framing.distance, framing.targets[frame : frame + 1], framing.field)
         moved = np.linalg.norm(after - before.garment, axis=2)
         one = slice(frame, frame + 1)
-        largest = max(float(moved[one].max()), 1e-3)
+        largest = round_scale(float(moved[one].max()))
         still = {"body": before.body[one], "size": size, "framing": framing, **self.faces}
         images = [
             render_sequence(before.garment[one], colour=self.colour, **still),
@@ -153,7 +153,7 @@ class Gallery:
             with_legend(
                 render_sequence(after[one], colour=self.colour, error=moved[one], largest_error=largest, **still),
                 ERROR_STOPS,
-                float(f"{1e3 * largest:.2g}"),
+                1e3 * largest,
                 "mm",
                 "moved",
             ),
@@ -235,6 +235,12 @@ class Gallery:
                 "numbers": {k: float(f"{v:.6g}") if isinstance(v, float) else v for k, v in (numbers or {}).items()},
             }
         )
+
+
+def round_scale(value: float) -> float:
+    """The next of 1, 2, 5, 10 ... millimetres [m], as the end of a colour bar."""
+    steps = (1e-3 * factor * 10**k for k in range(4) for factor in (1, 2, 5))
+    return next((step for step in steps if step >= value), 5.0)
 
 
 def _common(several: Sequence[Dressed], size: tuple[int, int]) -> Framing:

@@ -265,8 +265,8 @@ def _family(row: Row, method: str, dimension: str) -> str:
 
 
 def _series(row: Row, other: tuple[str, ...]) -> str:
-    names = ("variant", "method", "split")
-    return " · ".join(str(row[n]).replace("_", " ") for n in names if n not in other and row.get(n) not in (None, ""))
+    names = [n for n in ("variant", "method") if n not in other and row.get(n) not in (None, "")]
+    return " · ".join(str(row[n]).replace("_", " ") for n in names)
 
 
 def _positive(value: object) -> bool:

@@ -46,6 +46,7 @@ class Picture:
         kind: ``hero``, ``contact``, ``simulated``, ``materials``, ``error``, ``refined`` or ``generated``.
         title, caption, alt: Texts; ``alt`` says what is to be seen.
         width, height: Size [px].
+        animated: Whether it moves.
         label, clip: Motion that is shown.
         numbers: Figures of the picture by column name, such as ``rmse_mm``.
     """
@@ -58,6 +59,7 @@ class Picture:
     alt: str
     width: int
     height: int
+    animated: bool = False
     label: str = ""
     clip: str = ""
     numbers: dict[str, Any] = field(default_factory=dict)
@@ -114,7 +116,7 @@ class RunFiles:
                     "jobs": len(seconds),
                     "total_s": sum(seconds),
                     "longest_job_s": max(seconds),
-                    "peak_memory_mb": max(_number(r.get("max_rss")) for r in stages[stage]),
+                    "peak_memory_mb": max(_number(r.get("max_rss")) for r in stages[stage]) or None,
                 }
             )
         return rows
@@ -122,7 +124,7 @@ class RunFiles:
     def pictures(self) -> list[Picture]:
         """Pictures of all garments, in the order of their lists; those whose file is missing are left out."""
         pictures = []
-        for listing in sorted((self.folder / "figures").glob("*/figures.json")):
+        for listing in sorted((self.folder / "figures").glob("[!.]*/figures.json")):
             content = json.loads(listing.read_text(encoding="utf-8"))
             for entry in content["figures"]:
                 file = listing.parent / Path(entry["file"]).name

@@ -7,7 +7,7 @@ that the run does not have becomes a sentence that says so.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from evaluation.table import Row, columns_of
@@ -15,8 +15,13 @@ from report import plots, published
 from report.captions import CAPTIONS, Caption
 from report.columns import is_number, significant
 from report.run_files import Picture, RunFiles
-from report.tables import TableView, is_reference, table_view
+from report.tables import TableView, is_reference, readable, table_view
+from report.wide import wide_view
 from sim.parameters import INTRINSIC_PARAMETERS
+
+HARDEST = ("unseen_both", "unseen_motions", "unseen_parameters")
+TRANSFER_CONTROLS = "^descriptor floor|^wrong phi|^motion only|^mean shape"
+"""Lines of the transfer table that are there to compare with."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +103,7 @@ class Sections:
     def shape_descriptor(self) -> Section:
         """The descriptor beside principal components."""
         rows = self.files.table("shape_descriptor")
-        size = next((c for c in columns_of(rows) if c in ("dimensions", "dimension", "code", "components")), "")
+        size = next((c for c in columns_of(rows) if c in ("dimension", "dimensions")), "")
         blocks = self._table("shape_descriptor", within=size)
         if rows and size and any(is_number(r.get("rmse_mm")) for r in rows):
             name = _first(rows, "method", "variant")
@@ -113,13 +118,24 @@ class Sections:
 
     def motion_invariant(self) -> Section:
         """The intrinsic latent and what can be read from it."""
-        recovery = self.files.table("parameter_recovery")
-        blocks = self._table("motion_invariant", controls="^motion-only$")
-        value = next((c for c in columns_of(recovery) if c == "r2" or c.startswith("r2_") or c.endswith("_r2")), "")
-        if value and "parameter" in columns_of(recovery):
-            blocks.append(self._chart("recovery_bars", lambda: plots.recovery_bars(recovery, value)))
-            view = table_view(_beside(recovery, "parameter", value), keys=(), mark=False)
-            blocks.append(Block("table", CAPTIONS["parameter_recovery"], view))
+        rows, recovery = self.files.table("motion_invariant"), self.files.table("parameter_recovery")
+        transfers = [r for r in rows if r.get("quantity") and r.get("rmse_mm") is not None]
+        blocks: list[Block | None] = []
+        if transfers:
+            view = wide_view(transfers, "quantity", "variant", "rmse_mm", TRANSFER_CONTROLS, "^motion-only$")
+            blocks.append(Block("table", CAPTIONS["motion_invariant"], view, table_view(rows, mark=False)))
+        else:
+            blocks += self._table("motion_invariant", controls="^motion-only$")
+        ratios = [r for r in rows if r.get("ratio") is not None or r.get("clip_ratio") is not None]
+        if ratios:
+            caption = CAPTIONS["latent_variance"]
+            blocks.append(Block("table", caption, table_view(ratios, caption.columns, controls="^motion-only$")))
+        if any(r.get("r_squared") is not None for r in recovery):
+            shown = _some_split(recovery)
+            caption = replace(CAPTIONS["recovery_bars"], split=f"{readable(str(shown[0].get('split') or ''))}.")
+            blocks.append(Block("chart", caption, svg=plots.recovery_bars(shown, "r_squared")))
+            view = wide_view(recovery, "parameter", "variant", "r_squared", control_columns="^motion-only$")
+            blocks.append(Block("table", CAPTIONS["parameter_recovery"], view, table_view(recovery, mark=False)))
         else:
             blocks += self._table("parameter_recovery")
         return Section(
@@ -288,20 +304,10 @@ def _full(rows: Sequence[Row], caption: Caption, controls: str = "", mark: bool 
     return table_view(rows, controls=controls, mark=mark) if hidden and caption.columns else None
 
 
-def _beside(rows: Sequence[Row], line: str, value: str) -> list[Row]:
-    """A long table turned wide: one row a ``line``, one column for everything else that names a row."""
-    names = [c for c in columns_of(rows) if c != line and any(isinstance(r.get(c), str) for r in rows)]
-    wide: dict[str, Row] = {}
-    for row in rows:
-        name = " · ".join(str(row[n]).replace("_", " ") for n in names if row.get(n) not in (None, ""))
-        wide.setdefault(str(row[line]), {line: row[line]})[name or value] = row.get(value)
-    return list(wide.values())
-
-
 def _some_split(rows: Sequence[Row]) -> list[Row]:
-    """Rows of one split: unseen motions where there are any, else the first."""
+    """Rows of one split, the hardest that the table has."""
     splits = [r.get("split") for r in rows]
-    chosen = "unseen_motions" if "unseen_motions" in splits else splits[0]
+    chosen = next((s for s in HARDEST if s in splits), splits[0])
     return [r for r in rows if r.get("split") == chosen]
 
 

@@ -133,7 +133,10 @@ def table_view(
                     RowView(
                         [
                             CellView(
-                                texts[n][i], is_number(rows[i].get(n)), _full(rows[i].get(n)), i in best.get(n, ())
+                                texts[n][i],
+                                is_number(rows[i].get(n)),
+                                full_number(rows[i].get(n)),
+                                i in best.get(n, ()),
                             )
                             for n in shown
                         ],
@@ -180,7 +183,7 @@ def _column_texts(rows: Sequence[Row], name: str, interval: bool) -> list[str]:
     if not interval:
         return texts
     widths = format_column([r.get(name + INTERVAL) for r in rows], like=values)
-    return [f"{t} ± {w}" if r.get(name + INTERVAL) else t for t, w, r in zip(texts, widths, rows)]
+    return [f"{t} ± {w}" if r.get(name + INTERVAL) and t != "–" else t for t, w, r in zip(texts, widths, rows)]
 
 
 def _best(rows: Sequence[Row], members: Sequence[int], name: str, reference: Sequence[bool]) -> set[int]:
@@ -197,5 +200,6 @@ def _best(rows: Sequence[Row], members: Sequence[int], name: str, reference: Seq
     return {i for i, value in candidates.items() if value == best}
 
 
-def _full(value: object) -> str:
+def full_number(value: object) -> str:
+    """A number with six significant digits, as a tooltip."""
     return f"{value:.6g}" if isinstance(value, float) and math.isfinite(value) else ""

@@ -7,7 +7,17 @@ rule render:
         shards=shards,
         cvae=f"{RESULTS}/models/motion/motion_cvae.pt",
         regressor=model_file("garment_regressor", "fine_tuned"),
-        code=code("report/render.py", "models", "datasets", "pipeline/learning.py", "pipeline/render.py"),
+        code=code(
+            "report/camera.py",
+            "report/gallery.py",
+            "report/render.py",
+            "report/sheets.py",
+            "models",
+            "datasets",
+            "evaluation/metrics.py",
+            "pipeline/learning.py",
+            "pipeline/render.py",
+        ),
     output:
         directory(f"{RESULTS}/figures/{{garment}}"),
     log:
