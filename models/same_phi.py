@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -35,6 +35,10 @@ class IntrinsicFrames:
         for name in ("signatures", "phi", "clip"):
             if len(getattr(self, name)) != count:
                 raise ValueError(f"intrinsic frames: {count} descriptors, but {len(getattr(self, name))} {name}")
+
+    def at(self, index: np.ndarray) -> IntrinsicFrames:
+        """The frames of the given numbers."""
+        return IntrinsicFrames(*(np.asarray(getattr(self, f.name))[index] for f in fields(self)))
 
 
 class SamePhiBatches:

@@ -59,14 +59,18 @@ INTRINSIC_PARAMETERS: tuple[IntrinsicParameter, ...] = (
     IntrinsicParameter(
         "stretch", "material", "N/m", 1000.0, (1.0, 1.0e6), "Membrane stiffness along warp and weft", logarithmic=True
     ),
-    IntrinsicParameter("shear", "material", "N/m", 300.0, (0.1, 1.0e6), "Membrane stiffness in shear", logarithmic=True),
+    IntrinsicParameter(
+        "shear", "material", "N/m", 300.0, (0.1, 1.0e6), "Membrane stiffness in shear", logarithmic=True
+    ),
     IntrinsicParameter(
         "bend", "material", "N m", 5.0e-5, (1.0e-9, 1.0e-1), "Bending stiffness of the sheet", logarithmic=True
     ),
     IntrinsicParameter(
         "stretch_damping", "material", "s", 0.005, (0.0, 1.0), "Membrane damping as a fraction of stiffness"
     ),
-    IntrinsicParameter("bend_damping", "material", "s", 0.01, (0.0, 10.0), "Bending damping as a fraction of stiffness"),
+    IntrinsicParameter(
+        "bend_damping", "material", "s", 0.01, (0.0, 10.0), "Bending damping as a fraction of stiffness"
+    ),
     IntrinsicParameter("friction", "material", "1", 0.4, (0.0, 2.0), "Coulomb friction between cloth and body"),
 )
 

@@ -27,6 +27,7 @@ wildcard_constraints:
     garment="|".join(GARMENTS),
     shard=r"(materials|motions)_\d{4}",
     batch=r"\d{4}",
+    variant="|".join(v for m in config["models"].values() for v in m.get("variants", ())),
 
 
 def code(*places):
