@@ -75,12 +75,14 @@ class FootPlan:
         place: First ground position (x, z) of the ankle [m].
         yaw: First direction, to the left of +z [rad].
         steps: Steps that do not overlap.
+        heel: Extra rise of the heel while standing [rad], shape [T] of the frames; zero around steps.
     """
 
     shape: FootShape
     place: tuple[float, float]
     yaw: float
     steps: list[Step] = field(default_factory=list)
+    heel: np.ndarray | None = None
 
     def standing_at(self) -> tuple[tuple[float, float], float]:
         """Place (x, z) [m] and yaw [rad] after the last step so far."""
@@ -98,6 +100,8 @@ class FootPlan:
             inside = (times >= stance.landed) & (times < lift)
             if inside.any():
                 pitch = stance.pitch(times[inside], lift, step.push if step else 0.0)
+                if self.heel is not None:
+                    pitch += self.heel[inside]
                 self._write(track, inside, self._rolled(stance, pitch), pitch, np.full(inside.sum(), stance.yaw))
             if step is None:
                 break

@@ -101,6 +101,11 @@ class Stage:
         height = swing.pop("height", 0.06)
         self.performance.feet[side].steps.append(Step(start, start + duration, place, yaw, height, **swing))
 
+    def raise_heel(self, side: int, angle: np.ndarray) -> None:
+        """Let a standing foot roll on its ball by an angle [rad], shape [T], that is zero around its steps."""
+        plan = self.performance.feet[side]
+        plan.heel = angle if plan.heel is None else plan.heel + angle
+
     def balance(self, share: float = 0.45, seconds: float = 0.12) -> None:
         """Let the pelvis follow the supporting feet, after all steps are planned; `share` of the way to them."""
         tracks = tuple(plan.track(self.times) for plan in self.performance.feet)

@@ -118,7 +118,7 @@ def test_mirror_swaps_sides_and_undoes_itself(clips: dict[str, Clip], body: Body
 
 @pytest.mark.parametrize("start", [0, 30])
 def test_lead_in_joins_bind_pose_and_clip(start: int, clips: dict[str, Clip], body: Body) -> None:
-    """From frame 30 the walk moves fully: position, velocity and acceleration must be met, not only the pose."""
+    """From frame 30 the walk moves fully: its velocity must be met, not only its pose."""
     whole = clips["walk"]
     clip = dataclasses.replace(whole, pose=whole.pose[start:], root=whole.root[start:] - whole.root[start] * [1, 0, 1])
     pose, root = lead_in(clip, body, 24)

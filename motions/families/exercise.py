@@ -79,7 +79,7 @@ def bow(stage: Stage, angle: float = 1.0, hold: float = 0.35, style: str = "stra
 
 
 def lunge(stage: Stage, way: str = "front") -> None:
-    """Lunge with the legs in turn: "front", "side" or "back"; hands come together or to the hips."""
+    """Lunge with the legs in turn: "front", "side" or "back"; the hands come together."""
     period, performance, times = stage.seconds(2.0), stage.performance, stage.times
     far = 0.5 * (0.8 + 0.2 * stage.style.amplitude)
     keys: list[tuple[float, ArmPose]] = []
@@ -91,9 +91,9 @@ def lunge(stage: Stage, way: str = "front") -> None:
         target = stage.beside(leg, ahead, outward)
         yaw = plan.yaw + (0.2 * stage.outward(leg) if way == "side" else 0.0)
         swing = stage.seconds(0.5)
-        heel = {"front": -0.12, "side": 0.0, "back": 0.65}[way]
-        stage.step(leg, start + 0.12, swing, target, yaw, push=0.3, strike=0.65 if way == "back" else heel, height=0.1)
-        stage.step(leg, start + stage.seconds(1.2), swing, plan.place, plan.yaw, push=0.35, height=0.1)
+        strike, leave = {"front": -0.12, "side": 0.0, "back": 0.65}[way], start + stage.seconds(1.2)
+        stage.step(leg, start + 0.12, swing, target, yaw, push=0.3, strike=strike, height=0.1)
+        stage.step(leg, leave, swing, plan.place, plan.yaw, push=0.65 if way == "back" else 0.35, height=0.1)
         deep = keyed(
             times,
             [
@@ -103,6 +103,13 @@ def lunge(stage: Stage, way: str = "front") -> None:
                 (start + stage.seconds(1.75), 0.0),
             ],
         )
+        # The foot behind stands on its ball: with the heel down its ankle would bend too far.
+        if way == "front":
+            stage.raise_heel(1 - leg, 0.6 * deep)
+        elif way == "back":
+            landed = start + 0.12 + swing
+            kept = transition(times, landed, landed + 0.11) - transition(times, leave - 0.3, leave)
+            stage.raise_heel(leg, 0.65 * kept)
         performance.drop += 0.24 * deep
         performance.place[:, 1] += {"front": 0.45, "side": -0.12, "back": -0.55}[way] * far * deep
         performance.place[:, 0] += stage.outward(leg) * (0.6 * far * deep if way == "side" else 0.0)
