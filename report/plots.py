@@ -218,7 +218,7 @@ def _log_axis(axes: Axes, which: str, text=significant) -> None:
     low, high = axes.get_xlim() if which == "x" else axes.get_ylim()
     subs = (1.0, 2.0, 5.0) if high / max(low, 1e-300) < 30 else (1.0,)
     axis.set_major_locator(LogLocator(subs=subs, numticks=6))
-    axis.set_major_formatter(FuncFormatter(lambda v, _: text(v, 1) if text is significant else text(v)))
+    axis.set_major_formatter(FuncFormatter(lambda v, _: text(v, 1)))
     axis.set_minor_formatter(NullFormatter())
     axis.set_minor_locator(NullLocator())
 
@@ -273,9 +273,10 @@ def _positive(value: object) -> bool:
     return is_number(value) and math.isfinite(value) and value > 0
 
 
-def _readable_time(seconds: float) -> str:
-    if seconds >= 1:
-        return f"{significant(seconds)} s"
-    if seconds >= 1e-3:
-        return f"{significant(1e3 * seconds)} ms"
-    return f"{significant(1e6 * seconds)} µs"
+def _readable_time(seconds: float, digits: int = 3) -> str:
+    # Rounded first, so that a tick at a rounding error below 1 ms reads 1 ms.
+    seconds = float(f"{seconds:.6g}")
+    for unit, size in (("s", 1.0), ("ms", 1e-3)):
+        if seconds >= size:
+            return f"{significant(seconds / size, digits)} {unit}"
+    return f"{significant(1e6 * seconds, digits)} µs"

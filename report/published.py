@@ -18,14 +18,14 @@ def _regressors(source: str, data: str, *rows: tuple) -> list[Row]:
 REGRESSORS: list[Row] = [
     *_regressors(
         "Shi 2023, Table 6",
-        "their dress03",
+        "dress03 of Pan 2022",
         ("Wang 2019", 17.825, 51.03, 0.10730, 0.3383),
         ("Pan 2022", 6.487, 41.65, 0.07805, 0.1904),
         ("Shi 2023", 4.834, 25.21, 0.06394, 0.1695),
     ),
     *_regressors(
         "Shi 2023, Table 9",
-        "their start token",
+        "their own",
         ("fixed start token", 9.535, 71.68, 0.06263, 0.1197),
         ("learnable start token", 3.384, 38.58, 0.06158, 0.1073),
     ),
@@ -66,7 +66,7 @@ RECONSTRUCTION: list[Row] = [
 
 GENERATION: list[Row] = [
     {
-        "published": "Shi 2023, Table 4",
+        "source": "Shi 2023, Table 4",
         "method": method,
         "fid": fid,
         "accuracy_percent": accuracy,

@@ -132,7 +132,7 @@ class Sections:
             blocks.append(Block("table", caption, table_view(ratios, caption.columns, controls="^motion-only$")))
         if any(r.get("r_squared") is not None for r in recovery):
             shown = _some_split(recovery)
-            caption = replace(CAPTIONS["recovery_bars"], split=f"{readable(str(shown[0].get('split') or ''))}.")
+            caption = replace(CAPTIONS["recovery_bars"], split=_as_sentence(shown[0].get("split")))
             blocks.append(Block("chart", caption, svg=plots.recovery_bars(shown, "r_squared")))
             view = wide_view(recovery, "parameter", "variant", "r_squared", control_columns="^motion-only$")
             blocks.append(Block("table", CAPTIONS["parameter_recovery"], view, table_view(recovery, mark=False)))
@@ -313,6 +313,11 @@ def _some_split(rows: Sequence[Row]) -> list[Row]:
 
 def _first(rows: Sequence[Row], *names: str) -> str:
     return next((n for n in names if n in columns_of(rows)), names[0])
+
+
+def _as_sentence(split: object) -> str:
+    text = readable(str(split or ""))
+    return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
 def _plain(value: float) -> str:

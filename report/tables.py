@@ -134,7 +134,7 @@ def table_view(
                         [
                             CellView(
                                 texts[n][i],
-                                is_number(rows[i].get(n)),
+                                numeric[n] and not isinstance(rows[i].get(n), str),
                                 full_number(rows[i].get(n)),
                                 i in best.get(n, ()),
                             )
@@ -167,7 +167,8 @@ def _constants(rows: Sequence[Row], names: Sequence[str]) -> dict[str, str]:
     found = {}
     for name in names:
         values = {row.get(name) for row in rows}
-        if len(values) == 1 and not better(name) and name not in ("method", "solver", "variant", "parameter", "source"):
+        lifted = len(values) == 1 and not better(name) and not any(isinstance(v, float) for v in values)
+        if lifted and name not in ("method", "solver", "variant", "parameter", "source"):
             text = format_column([rows[0].get(name)])[0]
             if text not in ("–", ""):
                 found[name] = text
