@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 DIVERSITY_PAIRS = 200
 MULTIMODALITY_PAIRS = 20
@@ -29,15 +28,16 @@ class Repeated:
         """Normal-theory interval, 1.96 standard errors, as the published tables have it; 0 for one repetition."""
         array = np.asarray(values, dtype=np.float64)
         spread = float(array.std(ddof=1)) if len(array) > 1 else 0.0
-        return cls(float(array.mean()), 1.96 * spread / np.sqrt(len(array)))
+        return cls(float(array.mean()), float(1.96 * spread / np.sqrt(len(array))))
 
 
 def gaussian_distance(
     mean_a: np.ndarray, covariance_a: np.ndarray, mean_b: np.ndarray, covariance_b: np.ndarray
 ) -> float:
     """Squared Frechet distance of two Gaussians: ``|m_a - m_b|^2 + tr(C_a + C_b - 2 (C_a C_b)^(1/2))``."""
-    # tr (C_a C_b)^(1/2) by the eigenvalues of the symmetric form; real and stable when a covariance is singular.
-    root = scipy.linalg.sqrtm(covariance_a).real
+    # tr (C_a C_b)^(1/2) by eigenvalues of symmetric matrices: real, and stable when a covariance is singular.
+    values, vectors = np.linalg.eigh(covariance_a)
+    root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
     eigenvalues = np.linalg.eigvalsh(root @ covariance_b @ root)
     cross = np.sqrt(np.maximum(eigenvalues, 0.0)).sum()
     apart = np.square(mean_a - mean_b).sum()
@@ -70,14 +70,17 @@ def diversity(features: np.ndarray, generator: np.random.Generator, pairs: int =
 def multimodality(
     features: np.ndarray, classes: np.ndarray, generator: np.random.Generator, pairs: int = MULTIMODALITY_PAIRS
 ) -> float:
-    """Mean distance of ``pairs`` random pairs of the same class, averaged over classes with at least two motions."""
+    """Mean distance of ``pairs`` random pairs of the same class, averaged over classes with at least two motions.
+
+    The two of a pair are different motions, which matters where a class has few.
+    """
     distances = []
     for number in np.unique(classes):
         members = features[classes == number]
         if len(members) < 2:
             continue
         first = generator.integers(0, len(members), pairs)
-        second = generator.integers(0, len(members), pairs)
+        second = (first + generator.integers(1, len(members), pairs)) % len(members)
         distances.append(np.linalg.norm(members[first] - members[second], axis=1).mean())
     if not distances:
         raise ValueError("multimodality: no class has two motions")

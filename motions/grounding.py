@@ -16,6 +16,7 @@ from body.model import Body, apply_skin, skin_matrix
 
 SUPPORT_HEIGHT = 0.015  # [m] height over which a point loses its weight as a support
 CANDIDATES = 1500
+MOST_STEP = 0.3  # [m] a frame; more is a broken pose, not a stride, and would throw the body across the room
 
 
 def ground_motion(pose: np.ndarray, body: Body, start: np.ndarray | None = None) -> np.ndarray:
@@ -41,6 +42,7 @@ def ground_motion(pose: np.ndarray, body: Body, start: np.ndarray | None = None)
     weight = np.exp(-np.square(lowest / SUPPORT_HEIGHT))
     weight /= weight.sum(axis=1, keepdims=True)
     step = np.einsum("tc,tcd->td", weight, (points[1:] - points[:-1])[..., [0, 2]])
+    step *= np.minimum(1.0, MOST_STEP / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12))
     root = np.zeros((len(pose), 3))
     root[1:, [0, 2]] = -np.cumsum(step, axis=0)
     if start is not None:

@@ -1,0 +1,219 @@
+"""Tables of the motion generator: reconstruction of unseen motions, and generation (Shi 2023, Tables 3, 4 and 5).
+
+In: the generator, a recognition network trained on the training split, and the poses of both splits. Out: rows of
+tables. Poses are compared with the root at rest, since the generator makes poses alone.
+
+N motions, T frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import cycle
+
+import numpy as np
+import torch
+
+from body.model import Body
+from evaluation.metrics import hausdorff, rmse
+from evaluation.motion_metrics import (
+    Repeated,
+    accuracy,
+    discontinuous_share,
+    diversity,
+    frechet_distance,
+    multimodality,
+)
+from evaluation.sted import Sted, StedParameters
+from evaluation.table import Row
+from geometry.rotations import matrix_from_6d, matrix_to_6d, matrix_to_axis_angle
+from geometry.topology import MeshTopology
+from models.motion_cvae import MotionCVAE
+from models.recognition import RecognitionNetwork
+
+HAUSDORFF_STRIDE = 10
+REPETITIONS = 20
+ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class MotionSet:
+    """Motions of one split.
+
+    Attributes:
+        pose6d: 6-D poses, shape [N, T, 24, 6].
+        labels: Label of each, N.
+        fps: Frame rate [Hz].
+    """
+
+    pose6d: np.ndarray
+    labels: tuple[str, ...]
+    fps: float
+
+    def __post_init__(self) -> None:
+        if self.pose6d.ndim != 4 or self.pose6d.shape[2:] != (24, 6) or len(self.labels) != len(self.pose6d):
+            raise ValueError(
+                f"motion set: expected poses [N, T, 24, 6] and N labels, "
+                f"got {list(self.pose6d.shape)} and {len(self.labels)}"
+            )
+
+
+def reconstruction_rows(
+    model: MotionCVAE, train: MotionSet, test: MotionSet, body: Body, sted: StedParameters | None = None
+) -> list[Row]:
+    """Errors of reconstructed unseen motions (Table 3), a row a method; means over the sequences of the test split.
+
+    The generator is held against two ways that learn nothing: the mean pose of the label's training motions, standing
+    still, and the label's training motion that comes nearest to the one to be reconstructed.
+    """
+    methods: dict[str, Callable[[], np.ndarray]] = {
+        "motion CVAE": lambda: model.reconstruct(test.pose6d, test.labels),
+        "mean pose of the label": lambda: _mean_poses(train, test),
+        "nearest training motion of the label": lambda: _nearest_motions(train, test),
+    }
+    compare = Sted(MeshTopology.from_faces(body.faces, len(body.vertices)), sted)
+    predicted = {name: method() for name, method in methods.items()}
+    figures: dict[str, list[tuple[float, ...]]] = {name: [] for name in methods}
+    for n in range(len(test.pose6d)):
+        truth = _vertices(test.pose6d[n], body)
+        for name, poses in predicted.items():
+            vertices = _vertices(poses[n], body)
+            figures[name].append(
+                (
+                    float(np.sqrt(np.mean(np.square(poses[n] - test.pose6d[n])))),
+                    rmse(vertices, truth),
+                    hausdorff(vertices, truth, HAUSDORFF_STRIDE),
+                    compare.compare(vertices, truth).sted,
+                )
+            )
+    rows: list[Row] = []
+    for name, values in figures.items():
+        pose, vertex, distance, edges = np.mean(values, axis=0).tolist()
+        rows.append(
+            {
+                "method": name,
+                "pose_rmse": pose,
+                "vertex_rmse_m": vertex,
+                "hausdorff_m": distance,
+                "sted": edges,
+                "sted_parameters": compare.parameters.label,
+                "hausdorff_every_frames": HAUSDORFF_STRIDE,
+                "body": body.name,
+                "split": "unseen motions",
+                "motions": len(test.pose6d),
+            }
+        )
+    return rows
+
+
+def generation_rows(
+    model: MotionCVAE,
+    recognition: RecognitionNetwork,
+    train: MotionSet,
+    test: MotionSet,
+    body: Body,
+    seed: int,
+    repetitions: int = REPETITIONS,
+) -> list[Row]:
+    """Figures of generated motions beside real ones (Tables 4 and 5), with 95% intervals over repetitions.
+
+    FID is taken against the *training* split, the larger one, and every row with as many motions as the test split has,
+    with its labels: FID grows as samples get fewer, so only equal numbers compare. The other figures of drawn and of
+    generated motions come from ``ROUNDS`` times as many, so that every label has pairs for its multimodality.
+    Rows: motions of the test split; motions drawn from the training split; the label's mean pose, standing still, as a
+    control that must fail; and the generator's.
+    """
+    frames = train.pose6d.shape[1]
+    real = recognition.describe(train.pose6d)[0]
+    real_joints = _joints(train.pose6d, body)
+    known = {name: number for number, name in enumerate(recognition.config.labels)}
+    asked = test.labels * ROUNDS
+
+    def drawn_from_train(repetition: int) -> np.ndarray:
+        # In turn from a shuffled deck a label: a motion comes twice only when its label has no further one.
+        generator = np.random.default_rng([seed, repetition])
+        labels = np.array(train.labels)
+        decks = {label: cycle(generator.permutation(_members(labels, label))) for label in sorted(set(asked))}
+        return train.pose6d[[next(decks[label]) for label in asked]]
+
+    def generated(repetition: int) -> np.ndarray:
+        return model.sample(asked, frames, torch.Generator().manual_seed(1000 * seed + repetition))
+
+    sources: dict[str, tuple[Callable[[int], np.ndarray], int]] = {
+        "real, unseen motions": (lambda _: test.pose6d, repetitions),
+        "real, training motions": (drawn_from_train, repetitions),
+        "mean pose of the label": (lambda _: _mean_poses(train, test), 1),
+        "motion CVAE": (generated, repetitions),
+    }
+    own_classes = np.array([known[label] for label in test.labels])
+    rows: list[Row] = []
+    for name, (source, count) in sources.items():
+        figures: dict[str, list[float]] = {}
+        for repetition in range(count):
+            poses = source(repetition)
+            features, predicted = recognition.describe(poses)
+            classes = np.tile(own_classes, len(poses) // len(own_classes))
+            generator = np.random.default_rng([seed, repetition, 1])
+            found = {
+                "fid": frechet_distance(features[: len(own_classes)], real),
+                "accuracy_percent": 100.0 * accuracy(predicted, classes),
+                "diversity": diversity(features, generator),
+                "multimodality": multimodality(features, classes, generator) if _has_pairs(classes) else float("nan"),
+                "discontinuous_percent": 100.0 * discontinuous_share(_joints(poses, body), real_joints, train.fps),
+            }
+            for key, value in found.items():
+                figures.setdefault(key, []).append(value)
+        row: Row = {"source": name}
+        for key, values in figures.items():
+            repeated = Repeated.of(values)
+            row[key] = repeated.mean if np.isfinite(repeated.mean) else None
+            row[f"{key}_interval"] = repeated.interval if np.isfinite(repeated.interval) else None
+        rows.append({**row, "motions": len(poses), "repetitions": count, "fid_motions": len(own_classes)})
+    return rows
+
+
+def _has_pairs(classes: np.ndarray) -> bool:
+    return np.unique(classes, return_counts=True)[1].max() > 1
+
+
+def _orthonormal(pose6d: np.ndarray) -> np.ndarray:
+    return matrix_to_6d(matrix_from_6d(pose6d)).astype(np.float32)
+
+
+def _mean_poses(train: MotionSet, test: MotionSet) -> np.ndarray:
+    """For each test motion the mean pose of the training motions of its label, held for all frames [N, T, 24, 6]."""
+    labels = np.array(train.labels)
+    means = {label: _orthonormal(train.pose6d[_members(labels, label)].mean((0, 1))) for label in set(test.labels)}
+    return np.stack([np.broadcast_to(means[label], test.pose6d.shape[1:]) for label in test.labels])
+
+
+def _nearest_motions(train: MotionSet, test: MotionSet) -> np.ndarray:
+    """For each test motion the training motion of its label with the smallest pose error, [N, T, 24, 6]."""
+    labels, found = np.array(train.labels), []
+    for pose, label in zip(test.pose6d, test.labels, strict=True):
+        members = train.pose6d[_members(labels, label)]
+        found.append(members[np.square(members - pose).mean((1, 2, 3)).argmin()])
+    return np.stack(found)
+
+
+def _members(labels: np.ndarray, label: str) -> np.ndarray:
+    members = np.flatnonzero(labels == label)
+    if not len(members):
+        raise ValueError(f"label {label!r} has no motion in the training split")
+    return members
+
+
+def _axis_angle(pose6d: np.ndarray) -> np.ndarray:
+    return matrix_to_axis_angle(matrix_from_6d(pose6d))
+
+
+def _vertices(pose6d: np.ndarray, body: Body) -> np.ndarray:
+    """Body vertices [T, B, 3] [m] of poses [T, 24, 6], root at rest."""
+    return body.posed(_axis_angle(pose6d), np.zeros((len(pose6d), 3)))
+
+
+def _joints(pose6d: np.ndarray, body: Body) -> np.ndarray:
+    """Joints [N, T, 24, 3] [m] of poses [N, T, 24, 6], root at rest."""
+    flat = _axis_angle(pose6d.reshape(-1, 24, 6))
+    return body.joint_positions(flat, np.zeros((len(flat), 3))).reshape(*pose6d.shape[:2], 24, 3)

@@ -1,0 +1,122 @@
+"""Figures of generated motions against their analytic values, and the two motion tables end to end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from body.model import Body
+from evaluation.motion import MotionSet, generation_rows, reconstruction_rows
+from evaluation.motion_metrics import (
+    Repeated,
+    accuracy,
+    discontinuous_share,
+    diversity,
+    frechet_distance,
+    gaussian_distance,
+    multimodality,
+)
+from geometry.rotations import axis_angle_to_6d
+from models.motion_cvae import MotionCVAE, MotionCVAEConfig
+from models.recognition import RecognitionConfig, RecognitionNetwork
+
+torch.set_num_threads(1)
+
+
+def test_frechet_distance_of_identical_sets_is_zero() -> None:
+    features = np.random.default_rng(0).normal(size=(200, 30))
+    assert frechet_distance(features, features) < 1e-6
+
+
+def test_frechet_distance_of_gaussians_is_the_analytic_one() -> None:
+    # Commuting covariances: |m|^2 + sum (sqrt a - sqrt b)^2.
+    a, b, mean = np.array([1.0, 4.0]), np.array([9.0, 1.0]), np.array([3.0, 4.0])
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    found = gaussian_distance(np.zeros(2), turn @ np.diag(a) @ turn.T, mean, turn @ np.diag(b) @ turn.T)
+    assert found == pytest.approx(25.0 + (1 - 3) ** 2 + (2 - 1) ** 2)
+    rng = np.random.default_rng(1)
+    sampled = frechet_distance(
+        rng.normal(size=(40000, 2)) * np.sqrt(a) @ turn.T, rng.normal(size=(40000, 2)) * np.sqrt(b) @ turn.T + mean
+    )
+    assert sampled == pytest.approx(30.0, rel=0.03)
+
+
+def test_frechet_distance_takes_fewer_motions_than_features() -> None:
+    rng = np.random.default_rng(2)
+    assert np.isfinite(frechet_distance(rng.normal(size=(5, 30)), rng.normal(size=(8, 30))))
+    with pytest.raises(ValueError, match="first set"):
+        frechet_distance(np.zeros((1, 30)), np.zeros((8, 30)))
+
+
+def test_diversity_and_multimodality_see_what_they_should() -> None:
+    rng = np.random.default_rng(3)
+    classes = np.repeat([0, 1], 50)
+    features = np.repeat([[0.0, 0.0], [10.0, 0.0]], 50, axis=0)
+    assert multimodality(features, classes, rng) == 0.0
+    assert diversity(features, rng, pairs=4000) == pytest.approx(5.0, rel=0.1)
+    # Two motions a class, 2 apart: a pair is never a motion with itself.
+    few = np.array([[0.0, 1.0], [0.0, -1.0], [10.0, 1.0], [10.0, -1.0]])
+    assert multimodality(few, np.array([0, 0, 1, 1]), rng) == pytest.approx(2.0)
+    assert accuracy(np.array([0, 1, 1, 0]), np.array([0, 1, 0, 0])) == 0.75
+
+
+def test_interval_is_that_of_the_mean() -> None:
+    repeated = Repeated.of([1.0, 2.0, 3.0, 4.0])
+    assert repeated.mean == 2.5
+    assert repeated.interval == pytest.approx(1.96 * np.std([1, 2, 3, 4], ddof=1) / 2.0)
+
+
+def test_a_jump_makes_a_sequence_discontinuous() -> None:
+    time = np.arange(60)[None, :, None, None] / 30.0
+    phase = np.random.default_rng(4).uniform(0, 6, (20, 1, 24, 3))
+    real = np.sin(3.0 * time + phase)
+    broken = real.copy()
+    broken[:5, 30:] += 0.2
+    share = discontinuous_share(broken, real, 30.0)
+    assert share >= 0.25
+    assert discontinuous_share(0.9 * real, real, 30.0) == 0.0
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return Body.load("small")
+
+
+def _motions(seed: int, clips: int, labels: tuple[str, ...]) -> MotionSet:
+    rng = np.random.default_rng(seed)
+    chosen = tuple(labels[n % len(labels)] for n in range(clips))
+    centre = np.random.default_rng(0).normal(0.0, 0.4, (len(labels), 1, 24, 3))
+    time = np.arange(8)[:, None, None] / 4.0
+    poses = [centre[labels.index(c)] + 0.2 * np.sin(time + rng.uniform(0, 6, (1, 24, 3))) for c in chosen]
+    return MotionSet(axis_angle_to_6d(np.stack(poses)).astype(np.float32), chosen, 30.0)
+
+
+def test_tables_rank_a_perfect_generator_above_an_untrained_one(body: Body) -> None:
+    labels = ("a", "b")
+    train, test = _motions(1, 12, labels), _motions(2, 6, labels)
+    torch.manual_seed(0)
+    model = MotionCVAE(MotionCVAEConfig(labels, width=16, layers=1, heads=2, feed_forward=16))
+    recognition = RecognitionNetwork(RecognitionConfig(labels, width=16))
+
+    class Perfect(MotionCVAE):
+        def reconstruct(self, pose6d, labels):
+            return pose6d
+
+        def sample(self, labels, frames, generator):
+            return test.pose6d
+
+    perfect = Perfect(model.config)
+    for found, better in zip(
+        reconstruction_rows(model, train, test, body), reconstruction_rows(perfect, train, test, body), strict=True
+    ):
+        assert found["method"] == better["method"]
+        if found["method"] == "motion CVAE":
+            assert better["vertex_rmse_m"] < 1e-5 < 0.05 < found["vertex_rmse_m"]
+            assert better["sted"] < 1e-5 < found["sted"]
+        else:
+            assert found == better
+    rows = {r["source"]: r for r in generation_rows(perfect, recognition, train, test, body, seed=0, repetitions=2)}
+    assert rows["motion CVAE"]["fid"] == pytest.approx(rows["real, unseen motions"]["fid"])
+    assert rows["mean pose of the label"]["multimodality"] == 0.0
+    assert rows["motion CVAE"]["repetitions"] == 2
