@@ -96,13 +96,12 @@ CAPTIONS: dict[str, Caption] = {
         "Named in each group; parameter sets and takes are disjoint.",
     ),
     "latent_variance": Caption(
-        "Variance of the latent",
-        "Variance within one parameter set over the variance across parameter sets; 0 is a latent that knows "
-        "nothing of the motion. Of single frames, and of the mean of each clip.",
+        "Variance of the latent by variant",
+        "Variance within one parameter set over the variance across parameter sets, of single frames; 0 is a latent "
+        "that knows nothing of the motion. A latent that never varies has none.",
         "Wang 2019, section 3.4 (the first term of the loss).",
         _made("evaluate_motion_invariant", "evaluation/intrinsic.py", "motion_invariant"),
         "Named in each group.",
-        ("garment", "split", "variant", "ratio", "clip_ratio", "phi_count"),
     ),
     "parameter_recovery": Caption(
         "What the latent knows of the parameters: R² by variant",

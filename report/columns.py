@@ -67,8 +67,6 @@ _TITLES = {
     "max_rss": "Peak memory [MB]",
     "discontinuous_percent": "Discontinuous [%]",
     "r_squared": "R²",
-    "ratio": "Variance ratio, frames",
-    "clip_ratio": "Variance ratio, clips",
     "phi_count": "Parameter sets",
     "laplacian_rmse_mm": "Laplacian RMSE [mm]",
     "p95_frame_rmse_mm": "95th percentile of frames [mm]",

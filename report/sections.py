@@ -126,10 +126,12 @@ class Sections:
             blocks.append(Block("table", CAPTIONS["motion_invariant"], view, table_view(rows, mark=False)))
         else:
             blocks += self._table("motion_invariant", controls="^motion-only$")
-        ratios = [r for r in rows if r.get("ratio") is not None or r.get("clip_ratio") is not None]
+        ratios = _once([r for r in rows if is_number(r.get("variance_ratio"))], "garment", "split", "variant")
         if ratios:
-            caption = CAPTIONS["latent_variance"]
-            blocks.append(Block("table", caption, table_view(ratios, caption.columns, controls="^motion-only$")))
+            view = wide_view(
+                ratios, "garment", "variant", "variance_ratio", control_columns="^motion-only$", keys=("split",)
+            )
+            blocks.append(Block("table", CAPTIONS["latent_variance"], view))
         if any(r.get("r_squared") is not None for r in recovery):
             shown = _some_split(recovery)
             caption = replace(CAPTIONS["recovery_bars"], split=_as_sentence(shown[0].get("split")))
@@ -313,6 +315,11 @@ def _some_split(rows: Sequence[Row]) -> list[Row]:
 
 def _first(rows: Sequence[Row], *names: str) -> str:
     return next((n for n in names if n in columns_of(rows)), names[0])
+
+
+def _once(rows: Sequence[Row], *names: str) -> list[Row]:
+    """The first row of each combination of values."""
+    return list({tuple(r.get(n) for n in names): r for r in reversed(rows)}.values())[::-1]
 
 
 def _as_sentence(split: object) -> str:

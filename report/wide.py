@@ -12,7 +12,13 @@ from report.tables import GROUPS, CellView, GroupView, HeaderView, RowView, Tabl
 
 
 def wide_view(
-    rows: Sequence[Row], line: str, column: str, value: str, controls: str = "", control_columns: str = ""
+    rows: Sequence[Row],
+    line: str,
+    column: str,
+    value: str,
+    controls: str = "",
+    control_columns: str = "",
+    keys: Sequence[str] = GROUPS,
 ) -> TableView:
     """One row a ``line`` and group, one column a ``column``, ``value`` in the cells; the best of each row is marked.
 
@@ -23,9 +29,10 @@ def wide_view(
         value: Column with the numbers.
         controls: Pattern of lines that are shown to compare with and have no best value.
         control_columns: Pattern of columns that take no part in the search for the best value.
+        keys: Columns that group rows, where the table has them.
     """
     rows = [r for r in rows if is_number(r.get(value))]
-    keys = [k for k in GROUPS if any(r.get(k) for r in rows)]
+    keys = [k for k in keys if any(r.get(k) for r in rows)]
     columns = list(dict.fromkeys(str(r[column]) for r in rows))
     found: dict[tuple, dict[str, dict[str, float]]] = {}
     for r in rows:
