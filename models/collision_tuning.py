@@ -51,7 +51,7 @@ class CollisionTuning:
 
 @dataclass(frozen=True)
 class CollisionReport:
-    """What tuning did, on the motions that it kept.
+    """What tuning did, on the motions that it kept (on all of them when it kept none and changed nothing).
 
     Attributes:
         motions, discarded: How many were given, and how many were left out.
@@ -102,7 +102,7 @@ def fine_tune_collisions(
     """Tune a regressor in place on unlabelled motions of one length; returns what changed.
 
     Raises:
-        ValueError: No motions, motions of different lengths, or all of them with heavy interpenetration.
+        ValueError: No motions, or motions of different lengths.
     """
     if len({(len(t.pose), t.lead) for t in tracks}) != 1:
         raise ValueError(f"collision tuning: needs motions of one length and lead-in, got {len(tracks)} motions")
@@ -115,10 +115,14 @@ def fine_tune_collisions(
         if (h < 0.0).mean(1).max() <= settings.heavy_share and h.min() >= -settings.heavy_depth
     ]
     if not kept:
-        raise ValueError(
-            f"collision tuning: all {len(tracks)} motions have more than {settings.heavy_share:.0%} of the garment or "
-            f"a vertex deeper than {settings.heavy_depth} m inside the body; train the regressor further first"
-        )
+        # No error: a barely trained regressor, as in a smoke run, has nothing that could be tuned.
+        if progress is not None:
+            progress(
+                f"all {len(tracks)} motions have over {settings.heavy_share:.0%} of the garment or a vertex deeper "
+                f"than {settings.heavy_depth} m inside the body: the regressor is left as it was"
+            )
+        share, depth = _inside(heights)
+        return CollisionReport(len(tracks), len(tracks), share, share, depth, depth, 0.0)
     lead = tracks[0].lead
     device = regressor.feature_mean.device
     features = torch.stack([regressor.features(tracks[i]) for i in kept])
@@ -154,13 +158,9 @@ def fine_tune_collisions(
     after = regressor.dress_all([tracks[i] for i in kept])
     new_heights = [surfaces[i].heights(g) for i, g in zip(kept, after, strict=True)]
     moved = np.sqrt(np.mean([np.square(a - garments[i]).sum(-1).mean() for i, a in zip(kept, after, strict=True)]))
-    return CollisionReport(
-        len(tracks),
-        len(tracks) - len(kept),
-        *(_inside([heights[i] for i in kept])[0], _inside(new_heights)[0]),
-        *(_inside([heights[i] for i in kept])[1], _inside(new_heights)[1]),
-        float(moved),
-    )
+    (share, depth), (new_share, new_depth) = _inside([heights[i] for i in kept]), _inside(new_heights)
+    discarded = len(tracks) - len(kept)
+    return CollisionReport(len(tracks), discarded, share, new_share, depth, new_depth, float(moved))
 
 
 def _predict(regressor: Regressor, features: Tensor, lead: int) -> Tensor:
