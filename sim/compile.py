@@ -27,9 +27,14 @@ def resolve_device(name: str) -> str:
 def compile_kernels(device: str = "auto") -> str:
     """Compile (or load from Warp's cache) every kernel module; returns the Warp device they were built for."""
     target = resolve_device(device)
-    for name in _MODULES:
-        wp.load_module(importlib.import_module(f"sim.kernels.{name}"), device=target)
+    load_kernels(target)
     return target
+
+
+def load_kernels(warp_device: str) -> None:
+    """Have every kernel module ready on a Warp device, because a graph that is being recorded can load none."""
+    for name in _MODULES:
+        wp.load_module(importlib.import_module(f"sim.kernels.{name}"), device=warp_device)
 
 
 def _quiet() -> None:

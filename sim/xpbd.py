@@ -26,6 +26,7 @@ import warp as wp
 
 from sim.body_contact import BodyContact, Skeleton, Skin
 from sim.colouring import colour_constraints
+from sim.compile import load_kernels
 from sim.kernels import bending, integrate, membrane
 from sim.kernels.parameters import SubstepParameters
 from sim.parameters import check_parameters
@@ -56,6 +57,7 @@ class XpbdSolver:
             pins: Skinned targets of ``rest.pinned``, in that order.
             device: Warp device.
         """
+        load_kernels(device)
         self.rest, self.skeleton, self.contact, self.pins, self.device = rest, skeleton, contact, pins, device
         count = len(rest.vertices)
         self.count = count
