@@ -42,7 +42,7 @@ LIVELY = (
 
 CONTACT_ROWS, CONTACT_COLUMNS = 4, 5
 MATERIAL_SETS = 3
-SEEN_MATERIALS = {"bend": "N m", "density": "kg/m²", "stretch": "N/m", "air_drag": "N s/m³"}
+SEEN_MATERIALS = ("bend", "density", "stretch", "air_drag")
 """Parameters that an eye can tell, by which parameter sets are chosen and named."""
 
 
@@ -114,12 +114,13 @@ def draw_materials(gallery: Gallery, data: Data, body: Body, frames: int) -> boo
     if len(chosen) < MATERIAL_SETS:
         return False
     sets = [dressed(s, body).cut(frames) for s in data.read(chosen)]
-    names = [_material_words(row) for row in chosen]
+    names = [f"parameter set {row['phi']}" for row in chosen]
     apart = [
         np.linalg.norm(a.garment - b.garment, axis=2).mean(axis=1) for a, b in itertools.combinations(sets, 2)
     ]  # 3 x [T]
     frame = int(np.min(apart, axis=0).argmax())
-    caption = f"Same motion ({chosen[0]['clip']}), parameter sets {', '.join(str(row['phi']) for row in chosen)}."
+    words = "; ".join(f"set {row['phi']}: {_material_words(row)}" for row in chosen)
+    caption = f"Same motion ({chosen[0]['clip']}). {words}."
     numbers = {f"set_{row['phi']}_{name}": float(row[f"parameter_{name}"]) for row in chosen for name in SEEN_MATERIALS}
     gallery.materials(list(zip(names, sets)), frame, caption, **numbers)
     return True
@@ -247,7 +248,8 @@ def _clip_words(row: Mapping) -> str:
 
 def _material_words(row: Mapping) -> str:
     bend, density = float(row["parameter_bend"]), float(row["parameter_density"])
-    return f"bend {1e6 * bend:.0f} µN m, {1e3 * density:.0f} g/m²"
+    stretch, drag = float(row["parameter_stretch"]), float(row["parameter_air_drag"])
+    return f"bend {1e6 * bend:.0f} µN m, {1e3 * density:.0f} g/m², stretch {stretch:.0f} N/m, drag {drag:.1f} N s/m³"
 
 
 if __name__ == "__main__":
