@@ -125,6 +125,8 @@ def format_column(values: Sequence[Cell], like: Sequence[Cell] | None = None) ->
     """
     chosen = values if like is None else like
     numbers = [abs(float(v)) for v in chosen if is_number(v) and math.isfinite(v) and v != 0]
+    # What is nought but for rounding says nothing of how the others are to be written.
+    numbers = [n for n in numbers if n > 1e-6 * max(numbers)]
     whole = all(isinstance(v, int) for v in chosen if is_number(v))
     spread = bool(numbers) and max(numbers) / min(numbers) > 100
     decimals = 0

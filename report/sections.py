@@ -187,7 +187,7 @@ class Sections:
     def collisions(self) -> Section:
         """Before and after tuning, before and after refinement."""
         rows = self.files.table("garment_regressor")
-        blocks = [self._pictures("refined"), *self._table("collision_tuning")]
+        blocks = [self._pictures("refined"), *self._table("collision_tuning", mark=False)]
         shown = CAPTIONS["refinement"].columns
         if rows and any(c in columns_of(rows) for c in shown[2:]):
             blocks.append(Block("table", CAPTIONS["refinement"], table_view(rows, shown)))
@@ -210,7 +210,9 @@ class Sections:
         if own:
             caption = CAPTIONS["timing"]
             blocks.append(self._chart("timing_bars", lambda: plots.timing_bars(rows)))
-            blocks.append(Block("table", caption, table_view(own, caption.columns), _full(own, caption)))
+            blocks.append(
+                Block("table", caption, table_view(own, caption.columns, mark=False), _full(own, caption, mark=False))
+            )
         else:
             blocks.append(_missing("timing"))
         elsewhere = [{k: v for k, v in r.items() if k not in ("garment", "clip")} for r in others]

@@ -101,7 +101,7 @@ def table_view(
     keys = [k for k in keys if k in names]
     shown = [n for n in (columns or names) if n in names and n not in keys]
     intervals = {n for n in names if n.endswith(INTERVAL) and n.removesuffix(INTERVAL) in names}
-    shown = [n for n in shown if n not in intervals]
+    shown = [n for n in shown if n not in intervals and any(r.get(n) not in (None, "") for r in rows)]
     constants = _constants(rows, [*keys, *shown]) if len(rows) > 1 else {}
     shown = [n for n in shown if n not in constants]
     keys = [k for k in keys if k not in constants]
@@ -114,7 +114,8 @@ def table_view(
         groups.setdefault(tuple(row.get(k) for k in keys), []).append(i)
 
     if all(len(members) == 1 for members in groups.values()):
-        # A heading a row would be noise: the keys stay columns.
+        # A heading a row would be noise: the keys stay columns, and there is nothing to compare.
+        mark = mark and not keys
         keys_before, keys, groups = keys, [], {(): list(range(len(rows)))}
         shown = [*keys_before, *shown]
         texts |= {n: _column_texts(rows, n, False) for n in keys_before}
