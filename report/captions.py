@@ -196,7 +196,7 @@ CAPTIONS: dict[str, Caption] = {
         "Seconds a frame",
         "Median and 95th percentile after a warm-up. The speed-up is against the implicit solver of this project on "
         "this machine, in this run.",
-        "Shi 2023, Table 2; Wang 2019, section 5.",
+        "Shi 2023, Table 2; Wang 2019, section 3.6.",
         _made("time_solvers", "sim/timing.py", "timing"),
         columns=(
             "garment",
@@ -233,7 +233,7 @@ CAPTIONS: dict[str, Caption] = {
     "published_timing": Caption(
         "Times elsewhere",
         "Published on other hardware, or measured once outside of this run. Means, where no median was published.",
-        "Shi 2023, Table 2; Wang 2019, section 5.",
+        "Shi 2023, Table 2; Wang 2019, section 3.6.",
         other=True,
     ),
     "pictures_simulated": Caption("Simulated", "Lively sequences of the data set.", made="render → pipeline/render.py"),

@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from evaluation.table import Row
 from report.columns import is_number, significant
@@ -62,7 +62,7 @@ def loss_curves(trainings: Sequence[tuple[str, Sequence[Row]]], key: str, column
     """
     with matplotlib.rc_context(_STYLE):
         lines = math.ceil(len(trainings) / columns)
-        figure = _figure(WIDTH, 1.85 * lines + 0.35)
+        figure = _figure(WIDTH, 1.95 * lines + 0.35)
         for number, (title, rows) in enumerate(trainings):
             axes = figure.add_subplot(lines, columns, number + 1)
             for split, style in (("train", {"color": PALETTE[0]}), ("validation", {"color": PALETTE[1]})):
@@ -76,7 +76,7 @@ def loss_curves(trainings: Sequence[tuple[str, Sequence[Row]]], key: str, column
             axes.set_yscale("log")
             _log_axis(axes, "y")
             axes.margins(x=0.02)
-            axes.xaxis.get_major_locator().set_params(integer=True, nbins=4)
+            axes.xaxis.set_major_locator(MaxNLocator(4, integer=True, min_n_ticks=1))
             if number >= len(trainings) - columns:
                 axes.set_xlabel("epoch")
         _legend(figure)
@@ -216,11 +216,16 @@ def _log_axis(axes: Axes, which: str, text=significant) -> None:
     """Few ticks with plain numbers on a logarithmic axis, at 1, 2 and 5 where it spans little."""
     axis = axes.xaxis if which == "x" else axes.yaxis
     low, high = axes.get_xlim() if which == "x" else axes.get_ylim()
-    subs = (1.0, 2.0, 5.0) if high / max(low, 1e-300) < 30 else (1.0,)
-    axis.set_major_locator(LogLocator(subs=subs, numticks=6))
-    axis.set_major_formatter(FuncFormatter(lambda v, _: text(v, 1)))
-    axis.set_minor_formatter(NullFormatter())
+    span = high / max(low, 1e-300)
     axis.set_minor_locator(NullLocator())
+    axis.set_minor_formatter(NullFormatter())
+    if span < 8:
+        # Less than a decade: evenly spaced values tell more than powers.
+        axis.set_major_locator(MaxNLocator(3))
+        axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:.3g}"))
+        return
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if span < 30 else (1.0,), numticks=6))
+    axis.set_major_formatter(FuncFormatter(lambda v, _: text(v, 1)))
 
 
 def _bars(axes: Axes, names: list[str], values: list[float], colours: list[str], unit=significant) -> None:

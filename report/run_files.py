@@ -86,13 +86,14 @@ class RunFiles:
         return sorted((self.folder / "shards").glob("*/*.h5"))
 
     def trainings(self) -> dict[str, list[tuple[str, list[Row]]]]:
-        """Loss tables by garment (or ``motion``): (name of the training, rows)."""
+        """Loss tables by garment (or ``motion``): (model and variant on two lines, rows)."""
         found: dict[str, list[tuple[str, list[Row]]]] = {}
         paths = sorted((self.folder / "training").rglob("losses.csv"))
         paths += sorted((self.folder / "models").rglob("losses.csv"))
         for path in paths:
             group, *rest = path.relative_to(self.folder).parts[1:-1]
-            name = " · ".join(part.removesuffix("_training").replace("_", " ") for part in rest)
+            parts = [part.removesuffix("_training").replace("_", " ") for part in rest]
+            name = "\n".join(filter(None, [parts[0], " · ".join(parts[1:])]))
             rows = read_table(path)
             if any(_finite_positive(r.get("total")) for r in rows):
                 found.setdefault(group, []).append((name, rows))

@@ -205,7 +205,7 @@ class Sections:
         """Seconds a frame of simulators and networks."""
         rows = self.files.table("timing")
         own = [r for r in rows if not is_reference(r)]
-        others = list({tuple(v for k, v in r.items() if k not in ("garment", "clip")): r for r in rows if is_reference(r)}.values())  # fmt: skip  # noqa: E501
+        others = _once([r for r in rows if is_reference(r)], "solver", "vertices", "source")
         blocks: list[Block | None] = []
         if own:
             caption = CAPTIONS["timing"]
@@ -215,8 +215,9 @@ class Sections:
             )
         else:
             blocks.append(_missing("timing"))
-        elsewhere = [{k: v for k, v in r.items() if k not in ("garment", "clip")} for r in others]
-        blocks.append(self._published("published_timing", [*elsewhere, *published.TIMING], "timing"))
+        shown = ("solver", "vertices", "frames", "substeps", "median_s_per_frame", "source")
+        elsewhere = [{k: r.get(k) for k in shown} for r in [*others, *published.TIMING]]
+        blocks.append(self._published("published_timing", elsewhere, "timing"))
         return Section(
             "timing",
             "Time a frame",
