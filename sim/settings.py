@@ -29,7 +29,7 @@ class SimulationSettings:
     fps: float = 30.0
     device: str = "auto"
     queries_per_frame: int = 2
-    reach: float = 0.05
+    reach: float = 0.04
     contact: str = "own"
     settle_seconds: float = 1.5
     settle_speed: float = 0.02
