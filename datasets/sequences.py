@@ -7,7 +7,8 @@ which is the full pelvis frame: ``x_c = R_pelvis^T (x - pelvis)`` (Wang 2019, "c
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence as Many
+from collections.abc import Iterable
+from collections.abc import Sequence as Many
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,9 @@ import numpy as np
 from body.model import Body
 from datasets.shards import read_header, read_sequences
 from datasets.splits import SplitRule
+
+_OWN_FIELDS = ("clip", "take", "label", "phi", "parameters", "vertices", "pose", "root", "joints")
+_OWN_FIELDS += ("lead_pose", "lead_root", "lead_joints")
 
 
 @dataclass(frozen=True)
@@ -68,12 +72,9 @@ def load_sequences(
             split = rule.split(s.phi, s.take_index)
             if splits is not None and split not in splits:
                 continue
-            arrays = {n: getattr(s, n) for n in ("vertices", "pose", "root", "joints")}
-            arrays |= {f"lead_{n}": getattr(s, f"lead_{n}") for n in ("pose", "root", "joints")}
-            names = dict(garment=header.garment, clip=s.clip, take=s.take, label=s.label, plan=header.plan)
-            sequences.append(
-                Sequence(phi=s.phi, split=split, fps=header.fps, parameters=s.parameters, **names, **arrays)
-            )
+            own = {name: getattr(s, name) for name in _OWN_FIELDS}
+            shared = {"garment": header.garment, "plan": header.plan, "fps": header.fps}
+            sequences.append(Sequence(split=split, **shared, **own))
     return sequences
 
 

@@ -25,9 +25,7 @@ Row = dict[str, str | int | float | None]
 _PARTS = ("forces", "solve", "contact", "strain_limits", "other")
 
 
-def _published(
-    solver: str, vertices: int, seconds: float, substeps: int | None, frames: int | None, source: str
-) -> Row:
+def _published(solver: str, vertices: int, seconds: float, steps: int | None, frames: int | None, source: str) -> Row:
     return {
         "solver": solver,
         "vertices": vertices,
@@ -35,7 +33,7 @@ def _published(
         "threads": None,
         "median_s_per_frame": seconds,
         "p95_s_per_frame": None,
-        "substeps": substeps,
+        "substeps": steps,
         "source": source,
     }
 
@@ -43,18 +41,17 @@ def _published(
 _SHI = "published on other hardware: Shi 2023, Table 2, mean on an i9-10900K"
 _OWN = "measured once on a 2-core AMD Zen 5 (mean of 60 frames of 0.04 s), not in this run"
 
-PUBLISHED_ARCSIM: tuple[Row, ...] = (
-    _published("ARCSim (skirt)", 3326, 3.2841, None, None, _SHI),
-    _published("ARCSim (T-shirt)", 3170, 3.9047, None, None, _SHI),
-    _published("ARCSim (pants)", 4473, 8.9763, None, None, _SHI),
-    _published("ARCSim 0.2.1, fixed mesh, strain limits 0.95-1.05 (skirt)", 3320, 3.66, 8, 60, _OWN),
-    _published("ARCSim 0.2.1, fixed mesh, no strain limits (skirt)", 3320, 1.39, 8, 60, _OWN),
-)
-"""Times of ARCSim that were not taken in this run; the column is their mean, for no median was published.
-
-ARCSim also keeps the cloth from passing through itself (in the last two rows 0.8 s of the frame go into proximity and
-collision), which neither solver here does.
-"""
+PUBLISHED_ARCSIM: dict[str, tuple[Row, ...]] = {
+    "skirt": (
+        _published("ARCSim", 3326, 3.2841, None, None, _SHI),
+        _published("ARCSim 0.2.1, fixed mesh, strain limits 0.95-1.05", 3320, 3.66, 8, 60, _OWN),
+        _published("ARCSim 0.2.1, fixed mesh, no strain limits", 3320, 1.39, 8, 60, _OWN),
+    ),
+    "tshirt": (_published("ARCSim", 3170, 3.9047, None, None, _SHI),),
+    "pants": (_published("ARCSim", 4473, 8.9763, None, None, _SHI),),
+}
+"""By kind of garment, times of ARCSim that were not taken in this run; the column is their mean, for no median was
+published."""
 
 
 def time_solvers(

@@ -144,8 +144,9 @@ def test_a_damaged_input_gets_one_sentence(smoke, tmp_path):
     with broken.open("r+b") as file:
         file.truncate(1000)
     out = [str(tmp_path / name) for name in ("a.csv", "b.csv")]
-    command = ["-m", "pipeline.evaluate_simulation", "--spec", '{"garment":"skirt"}', "--out", *out, "--in", str(broken)]
-    run = subprocess.run([sys.executable, *command], capture_output=True, text=True, check=False)
+    stage = ["-m", "pipeline.evaluate_simulation", "--spec", '{"garment":"skirt"}']
+    command = [sys.executable, *stage, "--out", *out, "--in", str(broken)]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 1
     assert "broken.h5: not a readable HDF5 file" in run.stderr
     assert "Traceback" not in run.stderr

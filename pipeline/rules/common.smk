@@ -1,4 +1,4 @@
-# What the other rule files share: the checked configuration, the names of things, and which code a rule depends on.
+# What the other files of rules share: the checked configuration, the names of things, and the code that each depends on.
 
 import sys
 from glob import glob
@@ -21,6 +21,8 @@ GARMENTS = sorted(config["garments"])
 # Where the work is done, not what comes out: kept out of the parameters, so that a change reruns nothing.
 DEVICE = config["compute"]["device"]
 THREADS = config["compute"]["threads"]
+# For --software-deployment-method conda; without it, the environment that make builds is used.
+ENVIRONMENT = "../../envs/drapeline.yaml"
 
 
 wildcard_constraints:
@@ -31,7 +33,7 @@ wildcard_constraints:
 
 
 def code(*places):
-    """Source files that a rule's output depends on: folders (all their modules) and single files."""
+    """Source files that an output depends on: folders (all their modules) and single files."""
     files = []
     for place in places:
         files += sorted(glob(f"{place}/**/*.py", recursive=True)) if not place.endswith(".py") else [place]
@@ -46,3 +48,27 @@ def shards(wildcards):
 def batches():
     """All motion batches."""
     return [f"{RESULTS}/motions/batch_{i:04d}.h5" for i in range(batch_count(config["motions"]))]
+
+
+def model_file(model, variant=None):
+    """Path of a garment's trained model, of the variant in use where none is named."""
+    return f"{RESULTS}/models/{{garment}}/{model}/{variant or config['models'][model]['use']}.pt"
+
+
+def model_files(model):
+    """Paths of all variants of a garment's model, in the order of the config."""
+    return [model_file(model, variant) for variant in config["models"][model]["variants"]]
+
+
+def part(table):
+    """Path pattern of one garment's part of a table."""
+    return f"{RESULTS}/parts/{table}/{{garment}}.csv"
+
+
+def losses():
+    """The loss tables of all trainings, motion models first."""
+    trainings = [f"motion/{model}" for model in ("recognition", "motion_cvae")]
+    for garment in GARMENTS:
+        for model in ("shape_descriptor", "motion_invariant", "garment_regressor"):
+            trainings += [f"{garment}/{model}/{variant}" for variant in config["models"][model]["variants"]]
+    return [f"{RESULTS}/training/{training}/losses.csv" for training in trainings]

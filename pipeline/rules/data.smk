@@ -8,6 +8,8 @@ rule compile_kernels:
         touch(f"{RESULTS}/.kernels_compiled"),
     log:
         f"{RESULTS}/logs/compile_kernels.log",
+    conda:
+        ENVIRONMENT
     resources:
         device=DEVICE,
     shell:
@@ -23,6 +25,8 @@ rule garment:
         f"{RESULTS}/logs/garment/{{garment}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/garment/{{garment}}.tsv"
+    conda:
+        ENVIRONMENT
     params:
         spec=lambda w: spec.garment_spec(config, w.garment),
     shell:
@@ -38,6 +42,8 @@ rule motions:
         f"{RESULTS}/logs/motions/{{batch}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/motions/{{batch}}.tsv"
+    conda:
+        ENVIRONMENT
     params:
         spec=lambda w: spec.motions_spec(config, int(w.batch)),
     shell:
@@ -56,6 +62,8 @@ rule simulate:
         f"{RESULTS}/logs/simulate/{{garment}}_{{shard}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/simulate/{{garment}}_{{shard}}.tsv"
+    conda:
+        ENVIRONMENT
     resources:
         device=DEVICE,
     params:

@@ -1,11 +1,6 @@
 # Tables: each evaluation writes its own part for one garment; `tables` lays the parts of a table together.
 
 
-def part(table):
-    """Path pattern of one garment's part of a table."""
-    return f"{RESULTS}/parts/{table}/{{garment}}.csv"
-
-
 rule evaluate_simulation:
     input:
         shards=shards,
@@ -17,6 +12,8 @@ rule evaluate_simulation:
         f"{RESULTS}/logs/evaluate_simulation/{{garment}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/evaluate_simulation/{{garment}}.tsv"
+    conda:
+        ENVIRONMENT
     resources:
         device=DEVICE,
     params:
@@ -44,6 +41,8 @@ rule evaluate_shape_descriptor:
         f"{RESULTS}/logs/evaluate_shape_descriptor/{{garment}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/evaluate_shape_descriptor/{{garment}}.tsv"
+    conda:
+        ENVIRONMENT
     resources:
         device=DEVICE,
     params:
@@ -73,6 +72,8 @@ rule evaluate_motion_invariant:
         f"{RESULTS}/logs/evaluate_motion_invariant/{{garment}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/evaluate_motion_invariant/{{garment}}.tsv"
+    conda:
+        ENVIRONMENT
     resources:
         device=DEVICE,
     params:
@@ -104,6 +105,8 @@ rule evaluate_motion:
         f"{RESULTS}/logs/evaluate_motion.log",
     benchmark:
         f"{RESULTS}/benchmarks/evaluate_motion.tsv"
+    conda:
+        ENVIRONMENT
     resources:
         device=DEVICE,
     params:
@@ -133,6 +136,8 @@ rule evaluate_garment_regressor:
         f"{RESULTS}/logs/evaluate_garment_regressor/{{garment}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/evaluate_garment_regressor/{{garment}}.tsv"
+    conda:
+        ENVIRONMENT
     resources:
         device=DEVICE,
     params:
@@ -157,6 +162,8 @@ rule time_solvers:
         part("timing"),
     log:
         f"{RESULTS}/logs/time_solvers/{{garment}}.log",
+    conda:
+        ENVIRONMENT
     threads: workflow.cores
     resources:
         device=DEVICE,
@@ -176,6 +183,8 @@ rule table:
         f"{RESULTS}/tables/{{table}}.csv",
     log:
         f"{RESULTS}/logs/table/{{table}}.log",
+    conda:
+        ENVIRONMENT
     shell:
         "python -m pipeline.join_tables --spec null --out {output} --in {input.parts} 2>&1 | tee {log}"
 

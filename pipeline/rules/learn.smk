@@ -4,16 +4,6 @@
 # Training checkpoints lie beside the declared outputs, so that a killed job continues where it was.
 
 
-def model_file(model, variant=None):
-    """Path of a garment's trained model, of the variant in use where none is named."""
-    return f"{RESULTS}/models/{{garment}}/{model}/{variant or config['models'][model]['use']}.pt"
-
-
-def model_files(model):
-    """Paths of all variants of a garment's model, in the order of the config."""
-    return [model_file(model, variant) for variant in config["models"][model]["variants"]]
-
-
 rule train_shape_descriptor:
     input:
         shards=shards,
@@ -34,6 +24,8 @@ rule train_shape_descriptor:
     benchmark:
         f"{RESULTS}/benchmarks/train_shape_descriptor/{{garment}}_shape_descriptor_{{variant}}.tsv"
     priority: 40
+    conda:
+        ENVIRONMENT
     threads: THREADS
     resources:
         device=DEVICE,
@@ -63,6 +55,8 @@ rule train_motion_invariant:
     benchmark:
         f"{RESULTS}/benchmarks/train_motion_invariant/{{garment}}_motion_invariant_{{variant}}.tsv"
     priority: 30
+    conda:
+        ENVIRONMENT
     threads: THREADS
     resources:
         device=DEVICE,
@@ -87,6 +81,8 @@ rule train_recognition:
     benchmark:
         f"{RESULTS}/benchmarks/train_recognition/recognition.tsv"
     priority: 20
+    conda:
+        ENVIRONMENT
     threads: THREADS
     resources:
         device=DEVICE,
@@ -116,6 +112,8 @@ rule train_motion_cvae:
     benchmark:
         f"{RESULTS}/benchmarks/train_motion_cvae/motion_cvae.tsv"
     priority: 20
+    conda:
+        ENVIRONMENT
     threads: THREADS
     resources:
         device=DEVICE,
@@ -139,6 +137,8 @@ rule train_garment_regressor:
     benchmark:
         f"{RESULTS}/benchmarks/train_garment_regressor/{{garment}}_garment_regressor_{{variant}}.tsv"
     priority: 10
+    conda:
+        ENVIRONMENT
     threads: THREADS
     resources:
         device=DEVICE,
@@ -164,6 +164,8 @@ rule fine_tune_regressor:
     benchmark:
         f"{RESULTS}/benchmarks/fine_tune_regressor/{{garment}}.tsv"
     priority: 10
+    conda:
+        ENVIRONMENT
     threads: THREADS
     resources:
         device=DEVICE,

@@ -24,6 +24,8 @@ rule render:
         f"{RESULTS}/logs/render/{{garment}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/render/{{garment}}.tsv"
+    conda:
+        ENVIRONMENT
     resources:
         device=DEVICE,
     params:
@@ -31,15 +33,6 @@ rule render:
     shell:
         "python -m pipeline.render --spec {params.spec:q} --out {output} --in {input.template} {input.cvae}"
         " {input.regressor} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
-
-
-def losses():
-    """The loss tables of all trainings, motion models first."""
-    trainings = [f"motion/{model}" for model in ("recognition", "motion_cvae")]
-    for garment in GARMENTS:
-        for model in ("shape_descriptor", "motion_invariant", "garment_regressor"):
-            trainings += [f"{garment}/{model}/{variant}" for variant in config["models"][model]["variants"]]
-    return [f"{RESULTS}/training/{training}/losses.csv" for training in trainings]
 
 
 rule report:
@@ -53,16 +46,21 @@ rule report:
         report(f"{RESULTS}/report.html", category="Report"),
     log:
         f"{RESULTS}/logs/report.log",
+    conda:
+        ENVIRONMENT
     params:
         spec=spec.report_spec(config),
+        results=RESULTS,
     shell:
-        "python -m pipeline.report --spec {params.spec:q} --out {output} --in {RESULTS} 2>&1 | tee {log}"
+        "python -m pipeline.report --spec {params.spec:q} --out {output} --in {params.results} 2>&1 | tee {log}"
 
 
 # The same road on tiny meshes, as a run of its own.
 rule smoke:
     log:
         "results/smoke.log",
+    conda:
+        ENVIRONMENT
     threads: workflow.cores
     shell:
         "snakemake all --configfile configs/smoke.yaml --cores {threads} 2>&1 | tee {log}"
