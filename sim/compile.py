@@ -7,7 +7,10 @@ import importlib
 
 import warp as wp
 
-_MODULES = ("membrane", "bending", "integrate", "contact")
+_XPBD = tuple(f"sim.kernels.{name}" for name in ("membrane", "bending", "integrate", "contact"))
+_IMPLICIT = tuple(
+    f"sim.implicit.{name}" for name in ("force_kernels", "linear_system", "contact_kernels", "strain_limits")
+)
 
 
 def resolve_device(name: str) -> str:
@@ -28,13 +31,15 @@ def compile_kernels(device: str = "auto") -> str:
     """Compile (or load from Warp's cache) every kernel module; returns the Warp device they were built for."""
     target = resolve_device(device)
     load_kernels(target)
+    for name in _IMPLICIT:  # the baseline runs on the CPU alone
+        wp.load_module(importlib.import_module(name), device="cpu")
     return target
 
 
 def load_kernels(warp_device: str) -> None:
-    """Have every kernel module ready on a Warp device, because a graph that is being recorded can load none."""
-    for name in _MODULES:
-        wp.load_module(importlib.import_module(f"sim.kernels.{name}"), device=warp_device)
+    """Have the simulator's modules ready on a Warp device, because a graph that is being recorded can load none."""
+    for name in _XPBD:
+        wp.load_module(importlib.import_module(name), device=warp_device)
 
 
 def _quiet() -> None:

@@ -32,12 +32,12 @@ wildcard_constraints:
     variant="|".join(v for m in config["models"].values() for v in m.get("variants", ())),
 
 
-def code(*places):
-    """Source files that an output depends on: folders (all their modules) and single files."""
+def code(*places, without=()):
+    """Source files that an output depends on: folders (all their modules) and single files, but for those in without."""
     files = []
     for place in places:
         files += sorted(glob(f"{place}/**/*.py", recursive=True)) if not place.endswith(".py") else [place]
-    return files
+    return [file for file in files if not file.startswith(tuple(without))]
 
 
 def shards(wildcards):

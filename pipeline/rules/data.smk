@@ -55,7 +55,7 @@ rule simulate:
         template=f"{RESULTS}/garments/{{garment}}.npz",
         motions=lambda w: [f"{RESULTS}/motions/batch_{i:04d}.h5" for i in shard_batches(config, w.shard)],
         kernels=f"{RESULTS}/.kernels_compiled",
-        code=code("sim", "datasets/shards.py", "pipeline/simulate.py"),
+        code=code("sim", "datasets/shards.py", "pipeline/simulate.py", without=["sim/implicit", "sim/timing.py"]),
     output:
         ensure(f"{RESULTS}/shards/{{garment}}/{{shard}}.h5", non_empty=True),
     log:

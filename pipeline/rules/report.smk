@@ -50,7 +50,7 @@ rule report:
         ENVIRONMENT
     params:
         spec=spec.report_spec(config),
-        results=RESULTS,
+        results=lambda w, output: output[0].rsplit("/", 1)[0],
     shell:
         "python -m pipeline.report --spec {params.spec:q} --out {output} --in {params.results} 2>&1 | tee {log}"
 
