@@ -78,7 +78,10 @@ def draw(job: Job, folder: Path) -> None:
     simulated = [dressed(s, body) for s in data.read(lively)]
     for sequence, one in zip(lively[:shown], simulated[:shown]):
         gallery.animation("simulated", one.cut(frames), f"Simulated: {one.label}", _clip_words(sequence))
-    gallery.contact([(d.label, d) for d in simulated], CONTACT_COLUMNS, "Base material; time runs to the right.")
+    if simulated:
+        gallery.contact([(d.label, d) for d in simulated], CONTACT_COLUMNS, "Base material; time runs to the right.")
+    else:
+        absent.append("every simulation with the base material was dropped")
 
     say(job, "materials")
     if not draw_materials(gallery, data, body, frames):
@@ -88,11 +91,11 @@ def draw(job: Job, folder: Path) -> None:
     unseen = data.read(data.lively(shown, spec["held_out_clips"]))
     if not unseen:
         absent.append("no motion of the test split was simulated")
-    if not draw_predictions(gallery, unseen, body, regressor, refiner, frames):
-        absent.append("no predicted garment touches the body in the motions shown")
+    elif not draw_predictions(gallery, unseen, body, regressor, refiner, frames):
+        absent.append("no predicted garment is inside the body in the motions shown, so there is nothing to refine")
 
     say(job, "generated motions")
-    labels = [label for label in LIVELY if label in spec["labels"]] or spec["labels"]
+    labels = sorted(spec["labels"], key=_rank)
     generator = torch.Generator().manual_seed(spec["seed"])
     cvae = load_motion_cvae(cvae_path)
     tracks = generated_tracks(cvae, labels[:shown], spec["frames"], spec["fps"], spec["lead_in"], body, generator)
@@ -196,8 +199,7 @@ class Data:
     def lively(self, count: int, clips: Collection[str] | None = None) -> list[dict]:
         """Sequences of different labels with the base parameters, the liveliest first, of the given clips only."""
         mine = [r for r in self.rows if r["plan"] == MOTIONS and (clips is None or r["clip"] in clips)]
-        rank = {label: i for i, label in enumerate(LIVELY)}
-        mine = sorted(mine, key=lambda r: rank.get(str(r["label"]), len(LIVELY)))
+        mine = sorted(mine, key=lambda r: _rank(str(r["label"])))
         first = {r["label"]: r for r in reversed(mine)}
         different = [r for r in mine if first[r["label"]] is r]
         rest = [r for r in mine if first[r["label"]] is not r]
@@ -209,8 +211,7 @@ class Data:
         for row in self.rows:
             if row["plan"] == MATERIALS:
                 by_clip.setdefault(str(row["clip"]), []).append(row)
-        rank = {label: i for i, label in enumerate(LIVELY)}
-        order = sorted(by_clip, key=lambda c: (-len(by_clip[c]), rank.get(by_clip[c][0]["label"], len(LIVELY))))
+        order = sorted(by_clip, key=lambda c: (-len(by_clip[c]), _rank(str(by_clip[c][0]["label"]))))
         mine = by_clip[order[0]] if order else []
         if len(mine) < MATERIAL_SETS:
             return []
@@ -237,6 +238,11 @@ class Data:
 def say(job: Job, what: str) -> None:
     """A line of progress."""
     print(f"[render {job.spec['garment']}] {what}", flush=True)
+
+
+def _rank(label: str) -> int:
+    """Place of a label in ``LIVELY``; all others come after, as equals."""
+    return LIVELY.index(label) if label in LIVELY else len(LIVELY)
 
 
 def _clip_words(row: Mapping) -> str:

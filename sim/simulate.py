@@ -17,6 +17,7 @@ from geometry.rotations import slerp_poses
 from sim.body_contact import BodyContact, Skeleton, Skin, sag
 from sim.body_parts import own_parts, whole_body
 from sim.compile import resolve_device
+from sim.motion import checked_motion
 from sim.parameters import PARAMETER_NAMES, base_parameters, check_parameters
 from sim.rest_state import RestState
 from sim.result import SimulationResult
@@ -134,7 +135,7 @@ class Simulator:
         progress: Progress | None = None,
     ) -> SimulationResult:
         """Simulate one clip; arguments, result and errors as in :func:`simulate_clip`."""
-        pose, root = _checked_motion(pose, root, lead_in, len(self.body.joints))
+        pose, root = checked_motion(pose, root, lead_in, len(self.body.joints))
         check_parameters(parameters)
         settings, total = self.settings, len(pose)
         substeps = round(parameters["substeps"])
@@ -276,18 +277,3 @@ def _transforms_at(body: Body, pose: np.ndarray, root: np.ndarray, times: np.nda
 def _moved(transforms: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Points [..., 3] under 4 x 4 transforms [..., 4, 4]."""
     return np.einsum("...ab,...b->...a", transforms[..., :3, :3], points) + transforms[..., :3, 3]
-
-
-def _checked_motion(pose: np.ndarray, root: np.ndarray, lead_in: int, joints: int) -> tuple[np.ndarray, np.ndarray]:
-    pose, root = np.asarray(pose, dtype=np.float64), np.asarray(root, dtype=np.float64)
-    if pose.ndim != 3 or pose.shape[1:] != (joints, 3):
-        raise ValueError(f"pose: expected shape [L + T, {joints}, 3], got {list(pose.shape)}")
-    if root.shape != (len(pose), 3):
-        raise ValueError(f"root: expected shape [{len(pose)}, 3] to match the pose, got {list(root.shape)}")
-    for name, values in (("pose", pose), ("root", root)):
-        finite = np.isfinite(values).reshape(len(values), -1).all(axis=1)
-        if not finite.all():
-            raise ValueError(f"{name}: frame {int(np.argmin(finite))} is not finite")
-    if not 0 <= lead_in < len(pose):
-        raise ValueError(f"lead_in = {lead_in}: allowed are 0 to {len(pose) - 1} for {len(pose)} frames")
-    return pose, root

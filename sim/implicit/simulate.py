@@ -18,6 +18,7 @@ from sim.compile import resolve_device
 from sim.implicit.body_surface import BodySurface
 from sim.implicit.settings import ImplicitSettings
 from sim.implicit.solver import ImplicitCloth, ProjectionReport
+from sim.motion import checked_motion
 from sim.parameters import check_parameters
 from sim.rest_state import RestState
 from sim.result import SimulationResult
@@ -65,7 +66,7 @@ def simulate_clip_implicit(
         ValueError: Anything is wrong with the input.
     """
     settings = settings or ImplicitSettings()
-    pose, root = _checked_motion(pose, root, lead_in, len(body.joints))
+    pose, root = checked_motion(pose, root, lead_in, len(body.joints))
     check_parameters(parameters)
     if template.body_digest != body.digest:
         raise ValueError(
@@ -212,18 +213,3 @@ def _skinned(points: np.ndarray, template: GarmentTemplate, which: np.ndarray, t
     index, weight = template.skin_index[which], template.skin_weight[which].astype(np.float64)
     blended = np.einsum("nk,qnkab->qnab", weight, transforms[:, index])
     return np.einsum("qnab,nb->qna", blended[..., :3, :3], points[which]) + blended[..., :3, 3]
-
-
-def _checked_motion(pose: np.ndarray, root: np.ndarray, lead_in: int, joints: int) -> tuple[np.ndarray, np.ndarray]:
-    pose, root = np.asarray(pose, dtype=np.float64), np.asarray(root, dtype=np.float64)
-    if pose.ndim != 3 or pose.shape[1:] != (joints, 3):
-        raise ValueError(f"pose: expected shape [L + T, {joints}, 3], got {list(pose.shape)}")
-    if root.shape != (len(pose), 3):
-        raise ValueError(f"root: expected shape [{len(pose)}, 3] to match the pose, got {list(root.shape)}")
-    for name, values in (("pose", pose), ("root", root)):
-        finite = np.isfinite(values).reshape(len(values), -1).all(axis=1)
-        if not finite.all():
-            raise ValueError(f"{name}: frame {int(np.argmin(finite))} is not finite")
-    if not 0 <= lead_in < len(pose):
-        raise ValueError(f"lead_in = {lead_in}: allowed are 0 to {len(pose) - 1} for {len(pose)} frames")
-    return pose, root
