@@ -22,6 +22,9 @@ from report.sheets import contact_sheet, side_by_side, with_legend, write_animat
 FAR = 0.8
 """A body that travels farther [m] is followed by the camera."""
 
+NARROWEST = 96
+"""Width of a picture [px] below which a legend does not fit."""
+
 COLUMNS_SCALE = 0.72
 """Size of a picture that stands beside others, against one that stands alone."""
 
@@ -181,6 +184,8 @@ class Gallery:
         )  # fmt: skip
 
     def _small(self, scale: float = COLUMNS_SCALE) -> tuple[int, int]:
+        """Size of a picture among others; never so narrow that the legend of an error has no room."""
+        scale = max(scale, NARROWEST / self.size[0])
         return round(self.size[0] * scale), round(self.size[1] * scale)
 
     def _image(

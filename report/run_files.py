@@ -125,7 +125,7 @@ class RunFiles:
     def pictures(self) -> list[Picture]:
         """Pictures of all garments, in the order of their lists; those whose file is missing are left out."""
         pictures = []
-        for listing in sorted((self.folder / "figures").glob("[!.]*/figures.json")):
+        for listing in self._listings():
             content = json.loads(listing.read_text(encoding="utf-8"))
             for entry in content["figures"]:
                 file = listing.parent / Path(entry["file"]).name
@@ -133,6 +133,17 @@ class RunFiles:
                     fields = {k: v for k, v in entry.items() if k in Picture.__dataclass_fields__}
                     pictures.append(Picture(**fields | {"file": file, "garment": content["garment"]}))
         return pictures
+
+    def absent(self) -> list[tuple[str, str]]:
+        """(garment, what no picture could be made of, and why)."""
+        found = []
+        for listing in self._listings():
+            content = json.loads(listing.read_text(encoding="utf-8"))
+            found += [(content["garment"], text) for text in content.get("absent", [])]
+        return found
+
+    def _listings(self) -> list[Path]:
+        return sorted((self.folder / "figures").glob("[!.]*/figures.json"))
 
     def newest(self) -> float:
         """Time of the newest table [s since 1970]; 0 without tables."""

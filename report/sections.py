@@ -90,6 +90,7 @@ class Sections:
             *self._dropped(),
             self._ranges(),
             self._pictures("contact"),
+            *(Block("note", text=f"Not shown for {garment}: {text}.") for garment, text in self.files.absent()),
         ]
         return Section(
             "simulation",

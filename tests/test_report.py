@@ -103,7 +103,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_image(pictures / "refined_00.webp", np.zeros((40, 90, 3), np.uint8))
     entries.append(entries[0] | {"file": "refined_00.webp", "kind": "refined", "animated": False})
     entries.append(entries[0] | {"file": "../../../secret.webp", "kind": "hero"})
-    (pictures / "figures.json").write_text(json.dumps({"garment": "skirt", "figures": entries}))
+    (pictures / "figures.json").write_text(
+        json.dumps({"garment": "skirt", "absent": ["all were <dropped>"], "figures": entries})
+    )
     return folder
 
 
@@ -174,6 +176,7 @@ def test_texts_of_the_run_are_escaped(page: str) -> None:
 
 def test_losses_are_said_plainly(page: str, run: Path, tmp_path: Path) -> None:
     assert "3 of 51 simulations were dropped" in page
+    assert "Not shown for skirt: all were &lt;dropped&gt;." in page
     write_table(tmp_path / "tables" / "simulation.csv", TABLES["simulation"])
     write_table(tmp_path / "tables" / "dropped.csv", [{"garment": "skirt", "clip": "none was dropped", "reason": ""}])
     assert "No simulation was dropped" in build_page(tmp_path, CONFIG)
