@@ -106,7 +106,7 @@ def headlines(files: RunFiles) -> list[tuple[str, str]]:
         learned = [float(r["rmse_mm"]) for r in rows if r["garment"] == garment and _is_network(r)]
         plain = [float(r["rmse_mm"]) for r in rows if r["garment"] == garment and not _is_network(r)]
         if learned and plain:
-            text = f"RMSE of the best {garment} network on unseen motions; best without a network: {min(plain):.1f}\u00a0mm"
+            text = f"RMSE of the best {garment} network on unseen motions; best without one: {min(plain):.1f}\u00a0mm"
             found.append((f"{min(learned):.1f} mm", text))
     speed_ups = [
         (float(r["speed_up_over_implicit"]), r)
