@@ -48,7 +48,8 @@ def transfer_rows(
         Rows with ``rmse_mm`` (root mean square over vertices and frames of a sequence, mean over sequences):
         "descriptor floor" (encoded and decoded without this network), "own reconstruction", "transfer, z of a clip"
         (mean z of another clip of the same phi), "transfer, z of one frame" (of that clip), "wrong phi, z of a clip"
-        (the same clip under another phi, where there is one), "motion only, mean z" (one z for all), "mean shape".
+        (the same clip under another phi, where there is one), "motion only, mean z" (one z for all), "mean shape"
+        (the decoded mean descriptor).
 
     Raises:
         ValueError: no sequence has a second clip with its phi, or shapes disagree.
