@@ -75,7 +75,7 @@ class TrainingSettings:
     warmup_steps: int = 0
     gradient_clip: float = 0.0
     precision: str = "float32"
-    checkpoint_every: int = 5
+    checkpoint_every: int = 1
     validate_every: int = 1
     seed: int = 0
     device: str = "auto"

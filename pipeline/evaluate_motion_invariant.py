@@ -51,7 +51,8 @@ def main(job: Job) -> None:
             test = frames.at(index)
             rows = transfer_rows(descriptor, network, test, vertices[index], training, split, pool, spec["seed"])
             ratio = variance_row(network, test, split)
-            transfer += [row | {"variance_ratio": ratio["ratio"]} for row in rows]
+            ratios = {"variance_ratio": ratio["ratio"], "clip_variance_ratio": ratio["clip_ratio"]}
+            transfer += [row | ratios for row in rows]
         tests = {split: frames.at(of_split[split]) for split in (UNSEEN_PARAMETERS, UNSEEN_BOTH)}
         recovery += recovery_rows(network, training, tests, parameters, logarithmic)
     write_table(job.outputs[0], merge_tables([transfer], garment=spec["garment"]))

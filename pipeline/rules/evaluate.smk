@@ -162,6 +162,8 @@ rule time_solvers:
         part("timing"),
     log:
         f"{RESULTS}/logs/time_solvers/{{garment}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/time_solvers/{{garment}}.tsv"
     conda:
         ENVIRONMENT
     threads: workflow.cores
