@@ -170,7 +170,7 @@ def _predict(regressor: Regressor, features: Tensor, lead: int) -> Tensor:
     with torch.no_grad():
         own = regressor.unroll(features, lead)
         past = torch.cat([regressor.first_token(features, lead).float()[:, None], own[:, :-1]], dim=1)
-    return regressor.decode_all(regressor.encode_motion(features, lead), past, lead)
+    return regressor.predict_all(features, past, lead)
 
 
 def _inside(heights: list[np.ndarray]) -> tuple[float, float]:

@@ -225,8 +225,7 @@ def _sequence_training(regressor, features, codes, lead, settings):
             past = past + config.input_noise * spread * torch.randn_like(past)
         with torch.no_grad():
             start = regressor.first_token(motion, lead).float()[:, None]
-        memory = regressor.encode_motion(motion, lead)
-        predicted = regressor.decode_all(memory, torch.cat([start, past], dim=1), lead)
+        predicted = regressor.predict_all(motion, torch.cat([start, past], dim=1), lead)
         return _shape_loss(regressor, predicted - truth)
 
     return batches, loss

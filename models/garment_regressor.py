@@ -4,7 +4,8 @@ In: a ``MotionTrack``. Out: garment vertices in the canonical (pelvis) frame. Th
 
 - ``paper``: encoder over all poses, causal decoder over all vertices of the past frames, a start token (BOS) that an
   MLP gives from the mean pose and that was trained against the sequence's last frame; teacher forcing.
-- ``steady``: the same encoder and decoder, causal and by distance, over principal coefficients and ``motion`` features.
+- ``steady``: the same encoder and decoder, causal and by distance, over principal coefficients and ``motion`` features,
+  correcting a network that goes straight from the motion to the shape.
   In training the decoder sees its own free-running roll-out, noised, in place of the true past with a share that rises
   to ``rollout_share``: under teacher forcing alone errors grow along the sequence, because the network never sees them.
 - ``window``: no garment state at all: an MLP from the motion of the last second.
@@ -48,7 +49,8 @@ class RegressorConfig:
             forcing.
         laplacian_weight: Weight of the Laplacian term (lambda_Lap).
         window_offsets: Frames into the past whose features enter a frame's input; (0,) = the frame alone (paper).
-        window_hidden: Hidden layers of the window variant.
+        window_hidden: Hidden layers of the network that goes straight from the motion to the shape: all of the window
+            variant; in the Transformer a path beside the decoder, which then only corrects it. () = none (paper).
     """
 
     vertices: int
@@ -68,7 +70,7 @@ class RegressorConfig:
     rollout_share: float = 0.0
     laplacian_weight: float = 0.1
     window_offsets: tuple[int, ...] = (0,)
-    window_hidden: tuple[int, ...] = (640, 640, 640)
+    window_hidden: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         # A config read back from a file holds lists where it held tuples.
@@ -99,10 +101,17 @@ VARIANTS: dict[str, dict] = {
         "window_offsets": LAST_SECOND,
         "bos_hidden": (256, 256),
         "bos_target": "first",
+        "window_hidden": (512, 512),
         "input_noise": 0.1,
         "rollout_share": 0.8,
     },
-    "window": {"features": "motion", "components": 128, "decoder": "window", "window_offsets": LAST_SECOND},
+    "window": {
+        "features": "motion",
+        "components": 128,
+        "decoder": "window",
+        "window_offsets": LAST_SECOND,
+        "window_hidden": (640, 640, 640),
+    },
 }
 
 
@@ -148,6 +157,15 @@ class Regressor(nn.Module):
         offsets = torch.tensor(self.config.window_offsets, device=features.device)
         index = (torch.arange(features.shape[1], device=features.device)[:, None] - offsets).clamp_min(0)
         return features[:, index].flatten(2)
+
+    def direct_network(self) -> nn.Sequential:
+        """Fully connected network from windows [..., offsets * D] to codes [..., K], as ``window_hidden`` says."""
+        c = self.config
+        sizes = (self.input_size, *c.window_hidden)
+        layers: list[nn.Module] = []
+        for before, after in pairwise(sizes):
+            layers += [nn.Linear(before, after), nn.GELU(), nn.Dropout(c.dropout)]
+        return nn.Sequential(*layers, nn.Linear(sizes[-1], self.shape.size))
 
     def unroll(self, features: Tensor, lead: int) -> Tensor:
         """Free-running codes [B, T, K] of scaled features [B, L + T, D]."""

@@ -37,6 +37,7 @@ class SequenceRegressor(Regressor):
         self.garment_in = nn.Linear(size, c.width)
         self.decoder = nn.ModuleList(DecoderLayer(*sizes) for _ in range(c.layers))
         self.garment_out = nn.Linear(c.width, size)
+        self.direct = self.direct_network() if c.window_hidden else None
         self.bos = mlp((self.feature_size, *c.bos_hidden, size))
         if c.attention_window:
             self.biases = nn.ModuleDict(
@@ -60,8 +61,17 @@ class SequenceRegressor(Regressor):
             x = layer(x, bias)
         return x
 
+    def straight(self, features: Tensor, lead: int) -> Tensor | float:
+        """Codes [B, T, K] of the path beside the decoder; 0 where there is none."""
+        return 0.0 if self.direct is None else self.direct(self.windows(features)[:, lead:])
+
+    def predict_all(self, features: Tensor, past: Tensor, lead: int) -> Tensor:
+        """Codes [B, T, K] of all wanted frames of scaled features [B, F, D], given those of the frames before each."""
+        decoded = self.decode_all(self.encode_motion(features, lead), past, lead)
+        return decoded + self.straight(features, lead)
+
     def decode_all(self, memory: Tensor, past: Tensor, lead: int) -> Tensor:
-        """Codes [B, t, K] of the frames 1..t, given those of the frames 0..t-1 (0 is the BOS): all at once.
+        """The decoder's codes [B, t, K] of the frames 1..t at once, given those of the frames 0..t-1 (0 is the BOS).
 
         ``memory`` is the encoded motion of ``encode_motion`` for a track with ``lead`` frames of lead-in.
         """
@@ -93,6 +103,8 @@ class SequenceRegressor(Regressor):
         caches = [KeyValueCache(window or None) for _ in self.decoder]
         positions = None if window else sinusoidal_positions(frames, self.config.width, memory.device)
         token = self.garment_in(self.first_token(features, lead))[:, None]
+        straight = self.straight(features, lead)
+        beside = straight @ self.garment_in.weight.T if isinstance(straight, Tensor) else None
         outputs = []
         for t in range(frames):
             x = token if positions is None else token + positions[t]
@@ -108,7 +120,9 @@ class SequenceRegressor(Regressor):
                 x = layer.step(x, cache, reach, self_bias, cross_bias)
             outputs.append(x)
             token = x @ folded.T + folded_bias
-        return self.garment_out(torch.cat(outputs, dim=1)).float()
+            if beside is not None:
+                token = token + beside[:, t : t + 1]
+        return (self.garment_out(torch.cat(outputs, dim=1)) + straight).float()
 
     def _bias(self, name: str, queries: Tensor, keys: Tensor) -> Tensor | None:
         return self.biases[name](queries, keys) if self.config.attention_window else None

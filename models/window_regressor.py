@@ -10,10 +10,8 @@ Dimensions: B sequences, L lead-in and T wanted frames, D features, K code size.
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
-from torch import Tensor, nn
+from torch import Tensor
 
 from models.garment_regressor import Regressor, RegressorConfig
 
@@ -23,11 +21,7 @@ class WindowRegressor(Regressor):
 
     def __init__(self, config: RegressorConfig, faces: np.ndarray) -> None:
         super().__init__(config, faces)
-        sizes = (self.input_size, *config.window_hidden)
-        layers: list[nn.Module] = []
-        for before, after in pairwise(sizes):
-            layers += [nn.Linear(before, after), nn.GELU(), nn.Dropout(config.dropout)]
-        self.network = nn.Sequential(*layers, nn.Linear(sizes[-1], self.shape.size))
+        self.network = self.direct_network()
 
     def unroll(self, features: Tensor, lead: int) -> Tensor:
         """Codes [B, T, K] of scaled features [B, L + T, D]."""
