@@ -1,4 +1,4 @@
-"""Garment regressor without a garment state: an MLP from the motion of the last second (variant ``window``).
+"""Garment regressor without a garment state: an MLP from the recent motion (variant ``window``).
 
 In: scaled motion features. Out: shape codes. The features of the current and of some past frames, closer together near
 the present, go side by side into a fully connected network. What it gives for a frame depends on the motion up to that
