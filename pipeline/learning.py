@@ -15,6 +15,7 @@ import torch
 from body.model import Body
 from datasets.sequences import Sequence, from_canonical, load_sequences, motion_signature, to_canonical
 from datasets.splits import SplitRule
+from evaluation.baselines import motion_track
 from geometry.rotations import axis_angle_to_6d, matrix_from_6d, matrix_to_axis_angle
 from models.garment_fitting import GarmentExample
 from models.garment_regressor import Regressor
@@ -76,13 +77,6 @@ def motion_signatures(sequences: Iterable[Sequence], window: int, body: Body) ->
 def frame_numbers(sequences: list[Sequence], values: Iterable[int]) -> np.ndarray:
     """One integer a sequence, repeated for each of its frames, shape [N]."""
     return np.repeat(np.fromiter(values, dtype=np.int64), [s.frames for s in sequences])
-
-
-def motion_track(sequence: Sequence) -> MotionTrack:
-    """The body's motion of a sequence with its lead-in, as the regressors take it."""
-    pose = np.concatenate([sequence.lead_pose, sequence.pose])
-    joints = np.concatenate([sequence.lead_joints, sequence.joints])
-    return MotionTrack(pose, joints, len(sequence.lead_pose), sequence.fps)
 
 
 def garment_examples(sequences: Iterable[Sequence]) -> list[GarmentExample]:
