@@ -34,6 +34,10 @@ from datasets.atomic import atomic_path
 
 FORMAT = "drapeline-shard"
 VERSION = 1
+MATERIALS = "materials"
+"""Plan of many sampled parameter sets, each on the same few clips (Wang 2019)."""
+MOTIONS = "motions"
+"""Plan of the base parameters on every clip (Shi 2023)."""
 FRAMES_PER_CHUNK = 8
 """Serves single frames and windows alike: a chunk is what one read decompresses."""
 

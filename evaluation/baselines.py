@@ -16,7 +16,7 @@ from body.model import Body, skin
 from datasets.sequences import Sequence, from_canonical, to_canonical
 from evaluation.ridge import Ridge
 from garments.template import GarmentTemplate
-from models.motion_features import MotionTrack, track_features
+from models.motion_features import sequence_track, track_features
 
 HISTORY_OFFSETS = (0, 1, 2, 3, 5, 7, 10, 14)
 """Frames looked back, half a second at 30 fps; closer together near the present."""
@@ -111,7 +111,7 @@ class RidgeRegression:
 
     def _features(self, sequence: Sequence) -> np.ndarray:
         """Features of the recorded frames, shape [T, D]."""
-        track = motion_track(sequence)
+        track = sequence_track(sequence)
         motion = track_features(track, "motion")
         frames = track.lead + np.arange(sequence.frames)
         if self.offsets:
@@ -163,13 +163,6 @@ def fit_baselines(
         f"PCA-{pca_dimensions} of the truth (floor)": PcaFloor(body, pca_dimensions),
     }
     return {name: baseline.fit(sequences).predict for name, baseline in baselines.items()}
-
-
-def motion_track(sequence: Sequence) -> MotionTrack:
-    """The sequence's motion with its lead-in."""
-    pose = np.concatenate([sequence.lead_pose, sequence.pose])
-    joints = np.concatenate([sequence.lead_joints, sequence.joints])
-    return MotionTrack(pose, joints, len(sequence.lead_pose), sequence.fps)
 
 
 def history(features: np.ndarray, offsets: tuple[int, ...], frames: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from body.model import Body
+from datasets.sequences import Sequence
 from geometry.rotations import axis_angle_to_6d, axis_angle_to_matrix, matrix_to_axis_angle
 
 FEATURE_KINDS = {"pose": 144, "motion": 78}
@@ -69,6 +70,13 @@ class MotionTrack:
     def pelvis_frames(self) -> tuple[np.ndarray, np.ndarray]:
         """Rotation [F, 3, 3] and position [F, 3] of the pelvis."""
         return axis_angle_to_matrix(self.pose[:, 0]), np.asarray(self.joints[:, 0], dtype=np.float64)
+
+
+def sequence_track(sequence: Sequence) -> MotionTrack:
+    """The sequence's motion with its lead-in."""
+    pose = np.concatenate([sequence.lead_pose, sequence.pose])
+    joints = np.concatenate([sequence.lead_joints, sequence.joints])
+    return MotionTrack(pose, joints, len(sequence.lead_pose), sequence.fps)
 
 
 def track_features(track: MotionTrack, kind: str) -> np.ndarray:

@@ -7,6 +7,7 @@ parameters, before and after refinement.
 
 from __future__ import annotations
 
+from datasets.shards import MOTIONS
 from datasets.splits import TRAIN, UNSEEN_MOTIONS
 from evaluation.baselines import fit_baselines
 from evaluation.regressor import Predictor, RegressorEvaluation, regressor_rows
@@ -14,9 +15,9 @@ from evaluation.table import write_table
 from garments.template import GarmentTemplate
 from models.garment_fitting import load_regressor
 from models.refinement import RefinementSettings
-from pipeline.learning import job_body, job_sequences, regressor_predictor
-from pipeline.plan import MOTIONS
+from pipeline.garment_data import regressor_predictor
 from pipeline.progress import Progress
+from pipeline.sequence_data import job_body, job_sequences
 from pipeline.stage import Job, run_stage
 
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 from evaluation.motion import MotionSet, generation_rows, reconstruction_rows
 from evaluation.table import write_table
 from models.motion_fitting import load_motion_cvae, load_recognition
-from pipeline.learning import job_body, labelled_poses
+from pipeline.motion_data import labelled_poses
+from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage
 
 

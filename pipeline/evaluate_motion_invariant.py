@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from datasets.shards import MATERIALS
 from datasets.splits import SPLITS, TRAIN, UNSEEN_BOTH, UNSEEN_MOTIONS, UNSEEN_PARAMETERS
 from evaluation.intrinsic import recovery_rows, transfer_rows, variance_row
 from evaluation.table import merge_tables, write_table
 from models.motion_invariant import load_motion_invariant
 from models.shape_descriptor import load_shape_descriptor
-from pipeline.learning import canonical_frames, frame_numbers, intrinsic_frames, job_body, job_sequences
-from pipeline.plan import MATERIALS
+from pipeline.intrinsic_data import intrinsic_frames
+from pipeline.sequence_data import canonical_frames, frame_numbers, job_body, job_sequences
 from pipeline.stage import Job, run_stage
 from sim.parameters import INTRINSIC_PARAMETERS
 

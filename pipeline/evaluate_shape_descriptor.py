@@ -10,7 +10,7 @@ from datasets.splits import SPLITS, TRAIN
 from evaluation.descriptor import descriptor_rows
 from evaluation.table import merge_tables, write_table
 from models.shape_descriptor import load_shape_descriptor
-from pipeline.learning import canonical_frames, job_body, job_sequences
+from pipeline.sequence_data import canonical_frames, job_body, job_sequences
 from pipeline.stage import Job, run_stage
 
 

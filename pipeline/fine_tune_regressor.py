@@ -14,8 +14,10 @@ from evaluation.table import write_table
 from models.collision_tuning import CollisionTuning, fine_tune_collisions
 from models.garment_fitting import load_regressor, save_regressor
 from models.motion_fitting import load_motion_cvae
-from pipeline.learning import TrainingProgress, generated_tracks, job_body, settings_of, training_settings
+from pipeline.motion_data import generated_tracks
+from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage
+from pipeline.training_job import TrainingProgress, settings_of, training_settings
 
 
 def main(job: Job) -> None:

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-MATERIALS = "materials"
-MOTIONS = "motions"
+from datasets.shards import MATERIALS, MOTIONS
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ import torch
 
 from body.model import Body
 from datasets.sequences import Sequence, load_sequences
-from datasets.shards import read_header, read_quality
+from datasets.shards import MATERIALS, MOTIONS, read_header, read_quality
 from datasets.splits import SplitRule
 from evaluation.metrics import rmse
 from garments.template import GarmentTemplate
@@ -29,8 +29,9 @@ from models.garment_regressor import Regressor
 from models.motion_features import MotionTrack
 from models.motion_fitting import load_motion_cvae
 from models.refinement import RefinementSettings, Refiner
-from pipeline.learning import generated_tracks, job_body, regressor_predictor
-from pipeline.plan import MATERIALS, MOTIONS
+from pipeline.garment_data import regressor_predictor
+from pipeline.motion_data import generated_tracks
+from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage
 from report.gallery import Dressed, Gallery, round_scale
 

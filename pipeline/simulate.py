@@ -18,8 +18,8 @@ from garments.template import GarmentTemplate
 from motions.clip import Clip
 from motions.clip_file import read_clips
 from motions.lead_in import lead_in
+from pipeline.canonical import canonical
 from pipeline.progress import Progress
-from pipeline.spec import canonical
 from pipeline.stage import Job, run_stage
 from sim.parameters import INTRINSIC_PARAMETERS, base_parameters, sample_parameters
 from sim.result import SimulationResult

@@ -7,32 +7,17 @@ has exactly one parameter, made here: sorted keys, numbers that are written the 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
 from datasets.splits import SplitRule
+from pipeline.canonical import canonical
 from pipeline.config import base_overrides
 from pipeline.plan import batch_clips, motion_labels, plan_clips, shard_plan, shard_simulations
 
 Config = Mapping[str, Any]
 MATERIAL_KEYS = ("base", "ranges")
 """Keys of a garment that say what it is made of; all others say what shape it has."""
-
-
-def canonical(value: Any) -> str:
-    """JSON with sorted keys, in which a whole float is written as the integer it equals."""
-    return json.dumps(_plain(value), sort_keys=True, separators=(",", ":"))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, float) and value == int(value) and abs(value) < 2**53:
-        return int(value)
-    return value
 
 
 def garment_spec(config: Config, garment: str) -> str:

@@ -26,7 +26,7 @@ from models.shape_descriptor import decode_all, load_shape_descriptor
 from motions.clip import Clip
 from motions.clip_file import read_clips
 from motions.lead_in import lead_in
-from pipeline.learning import job_body
+from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage
 from sim.implicit.settings import ImplicitSettings
 from sim.parameters import base_parameters

@@ -6,21 +6,15 @@ whose sequences share the base parameters; watched on unseen motions.
 
 from __future__ import annotations
 
+from datasets.shards import MOTIONS
 from datasets.splits import TRAIN, UNSEEN_MOTIONS
 from garments.template import GarmentTemplate
 from models.garment_fitting import RegressorTraining, fit_garment_regressor, save_regressor
 from models.garment_regressor import RegressorConfig, variant_config
-from pipeline.learning import (
-    TrainingProgress,
-    garment_examples,
-    job_sequences,
-    settings_of,
-    training_settings,
-    values_of,
-    work_dir,
-)
-from pipeline.plan import MOTIONS
+from pipeline.garment_data import garment_examples
+from pipeline.sequence_data import job_sequences
 from pipeline.stage import Job, run_stage
+from pipeline.training_job import TrainingProgress, settings_of, training_settings, values_of, work_dir
 
 
 def main(job: Job) -> None:

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from models.motion_cvae import MotionCVAEConfig
 from models.motion_fitting import fit_motion_cvae, save_motion_cvae
-from pipeline.learning import TrainingProgress, job_body, labelled_poses, settings_of, training_settings, work_dir
+from pipeline.motion_data import labelled_poses
+from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage
+from pipeline.training_job import TrainingProgress, settings_of, training_settings, work_dir
 
 
 def main(job: Job) -> None:

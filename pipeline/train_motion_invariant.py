@@ -6,20 +6,14 @@ materials plan, where many parameter sets meet the same motions; watched where b
 
 from __future__ import annotations
 
+from datasets.shards import MATERIALS
 from datasets.splits import TRAIN, UNSEEN_BOTH
 from models.motion_invariant import MotionInvariantConfig, fit_motion_invariant, save_motion_invariant
 from models.shape_descriptor import load_shape_descriptor
-from pipeline.learning import (
-    TrainingProgress,
-    intrinsic_frames,
-    job_body,
-    job_sequences,
-    settings_of,
-    training_settings,
-    work_dir,
-)
-from pipeline.plan import MATERIALS
+from pipeline.intrinsic_data import intrinsic_frames
+from pipeline.sequence_data import job_body, job_sequences
 from pipeline.stage import Job, run_stage
+from pipeline.training_job import TrainingProgress, settings_of, training_settings, work_dir
 
 
 def main(job: Job) -> None:

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from models.motion_fitting import fit_recognition, save_recognition
 from models.recognition import RecognitionConfig
-from pipeline.learning import TrainingProgress, labelled_poses, settings_of, training_settings, work_dir
+from pipeline.motion_data import labelled_poses
 from pipeline.stage import Job, run_stage
+from pipeline.training_job import TrainingProgress, settings_of, training_settings, work_dir
 
 
 def main(job: Job) -> None:

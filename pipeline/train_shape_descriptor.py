@@ -9,16 +9,9 @@ from __future__ import annotations
 from datasets.splits import TRAIN, UNSEEN_BOTH
 from garments.template import GarmentTemplate
 from models.shape_descriptor import ShapeDescriptorConfig, fit_shape_descriptor, save_shape_descriptor
-from pipeline.learning import (
-    TrainingProgress,
-    canonical_frames,
-    job_body,
-    job_sequences,
-    settings_of,
-    training_settings,
-    work_dir,
-)
+from pipeline.sequence_data import canonical_frames, job_body, job_sequences
 from pipeline.stage import Job, run_stage
+from pipeline.training_job import TrainingProgress, settings_of, training_settings, work_dir
 
 VALIDATION_STRIDE = 10
 """Neighbouring frames are alike: every tenth tells the validation error."""

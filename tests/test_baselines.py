@@ -16,13 +16,12 @@ from evaluation.baselines import (
     SkinnedTemplate,
     fit_baselines,
     history,
-    motion_track,
 )
 from evaluation.regressor import RegressorEvaluation, regressor_rows
 from evaluation.ridge import PENALTIES, Ridge
 from evaluation.simulation import reason_class, simulation_rows
 from garments.template import GarmentTemplate
-from models.motion_features import track_features
+from models.motion_features import sequence_track, track_features
 
 FRAMES, LEAD = 12, 6
 
@@ -153,7 +152,7 @@ def test_history_ridge_learns_what_the_current_pose_does_not_show() -> None:
 
     def swung(seed: int) -> Sequence:
         plain = sequence(seed)
-        track = motion_track(plain)
+        track = sequence_track(plain)
         velocity = track_features(track, "motion")[LEAD - 2 : -2, 72:75]  # two frames ago
         shape = template().vertices.reshape(-1) + velocity @ response
         moved = from_canonical(shape.reshape(FRAMES, -1, 3), plain.pose, plain.root, body())

@@ -6,6 +6,7 @@ from glob import glob
 from pipeline import spec
 from pipeline.config import ConfigError, check_config, read_layers
 from pipeline.plan import batch_count, shard_batches, shard_names
+from pipeline.sources import stage_sources
 
 # Snakemake lists the files of the command line first, yet lays them over the default.
 overlays = list(workflow.overwrite_configfiles or [])
@@ -30,14 +31,6 @@ wildcard_constraints:
     shard=r"(materials|motions)_\d{4}",
     batch=r"\d{4}",
     variant="|".join(v for m in config["models"].values() for v in m.get("variants", ())),
-
-
-def code(*places, without=()):
-    """Source files that an output depends on: folders (all their modules) and single files, but for those in without."""
-    files = []
-    for place in places:
-        files += sorted(glob(f"{place}/**/*.py", recursive=True)) if not place.endswith(".py") else [place]
-    return [file for file in files if not file.startswith(tuple(without))]
 
 
 def shards(wildcards):

@@ -3,7 +3,8 @@
 
 rule compile_kernels:
     input:
-        code=code("sim", "pipeline/compile_kernels.py"),
+        code=stage_sources("compile_kernels"),
+        kernels=glob("sim/kernels/*.py") + glob("sim/implicit/*.py"),
     output:
         touch(f"{RESULTS}/.kernels_compiled"),
     log:
@@ -18,7 +19,7 @@ rule compile_kernels:
 
 rule garment:
     input:
-        code=code("garments", "body", "geometry", "pipeline/make_garment.py"),
+        code=stage_sources("make_garment"),
     output:
         f"{RESULTS}/garments/{{garment}}.npz",
     log:
@@ -35,7 +36,7 @@ rule garment:
 
 rule motions:
     input:
-        code=code("motions", "body", "geometry", "pipeline/make_motions.py"),
+        code=stage_sources("make_motions"),
     output:
         f"{RESULTS}/motions/batch_{{batch}}.h5",
     log:
@@ -54,8 +55,8 @@ rule simulate:
     input:
         template=f"{RESULTS}/garments/{{garment}}.npz",
         motions=lambda w: [f"{RESULTS}/motions/batch_{i:04d}.h5" for i in shard_batches(config, w.shard)],
-        kernels=f"{RESULTS}/.kernels_compiled",
-        code=code("sim", "datasets/shards.py", "pipeline/simulate.py", without=["sim/implicit", "sim/timing.py"]),
+        kernels=ancient(f"{RESULTS}/.kernels_compiled"),
+        code=stage_sources("simulate"),
     output:
         ensure(f"{RESULTS}/shards/{{garment}}/{{shard}}.h5", non_empty=True),
     log:

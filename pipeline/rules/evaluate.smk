@@ -4,7 +4,7 @@
 rule evaluate_simulation:
     input:
         shards=shards,
-        code=code("evaluation/simulation.py", "datasets/shards.py", "pipeline/evaluate_simulation.py"),
+        code=stage_sources("evaluate_simulation"),
     output:
         part("simulation"),
         part("dropped"),
@@ -27,14 +27,7 @@ rule evaluate_shape_descriptor:
     input:
         shards=shards,
         models=model_files("shape_descriptor"),
-        code=code(
-            "evaluation",
-            "datasets",
-            "geometry",
-            "pipeline/learning.py",
-            "models/shape_descriptor.py",
-            "pipeline/evaluate_shape_descriptor.py",
-        ),
+        code=stage_sources("evaluate_shape_descriptor"),
     output:
         part("shape_descriptor"),
     log:
@@ -57,14 +50,7 @@ rule evaluate_motion_invariant:
         shards=shards,
         descriptor=model_file("shape_descriptor"),
         models=model_files("motion_invariant"),
-        code=code(
-            "evaluation",
-            "datasets",
-            "geometry",
-            "pipeline/learning.py",
-            "models/motion_invariant.py",
-            "pipeline/evaluate_motion_invariant.py",
-        ),
+        code=stage_sources("evaluate_motion_invariant"),
     output:
         part("motion_invariant"),
         part("parameter_recovery"),
@@ -88,16 +74,7 @@ rule evaluate_motion:
         motions=batches(),
         recognition=f"{RESULTS}/models/motion/recognition.pt",
         cvae=f"{RESULTS}/models/motion/motion_cvae.pt",
-        code=code(
-            "evaluation",
-            "datasets",
-            "geometry",
-            "pipeline/learning.py",
-            "models/motion_cvae.py",
-            "models/recognition.py",
-            "motions",
-            "pipeline/evaluate_motion.py",
-        ),
+        code=stage_sources("evaluate_motion"),
     output:
         f"{RESULTS}/tables/motion_reconstruction.csv",
         f"{RESULTS}/tables/motion_generation.csv",
@@ -122,14 +99,7 @@ rule evaluate_garment_regressor:
         template=f"{RESULTS}/garments/{{garment}}.npz",
         fine_tuned=model_file("garment_regressor", "fine_tuned"),
         models=model_files("garment_regressor"),
-        code=code(
-            "evaluation",
-            "datasets",
-            "geometry",
-            "pipeline/learning.py",
-            "models",
-            "pipeline/evaluate_garment_regressor.py",
-        ),
+        code=stage_sources("evaluate_garment_regressor"),
     output:
         part("garment_regressor"),
     log:
@@ -152,12 +122,12 @@ rule time_solvers:
     input:
         template=f"{RESULTS}/garments/{{garment}}.npz",
         motions=f"{RESULTS}/motions/batch_0000.h5",
-        kernels=f"{RESULTS}/.kernels_compiled",
+        kernels=ancient(f"{RESULTS}/.kernels_compiled"),
         descriptor=model_file("shape_descriptor"),
         motion_invariant=model_file("motion_invariant"),
         cvae=f"{RESULTS}/models/motion/motion_cvae.pt",
         regressor=model_file("garment_regressor", "fine_tuned"),
-        code=code("sim", "models", "pipeline/learning.py", "pipeline/time_solvers.py"),
+        code=stage_sources("time_solvers"),
     output:
         part("timing"),
     log:
@@ -180,7 +150,7 @@ rule time_solvers:
 rule table:
     input:
         parts=lambda w: expand(part(w.table), garment=GARMENTS),
-        code=code("evaluation/table.py", "pipeline/join_tables.py"),
+        code=stage_sources("join_tables"),
     output:
         f"{RESULTS}/tables/{{table}}.csv",
     log:

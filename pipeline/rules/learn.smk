@@ -8,14 +8,7 @@ rule train_shape_descriptor:
     input:
         shards=shards,
         template=f"{RESULTS}/garments/{{garment}}.npz",
-        code=code(
-            "models/shape_descriptor.py",
-            "models/pca.py",
-            "models/training.py",
-            "datasets",
-            "pipeline/learning.py",
-            "pipeline/train_shape_descriptor.py",
-        ),
+        code=stage_sources("train_shape_descriptor"),
     output:
         model=f"{RESULTS}/models/{{garment}}/shape_descriptor/{{variant}}.pt",
         losses=f"{RESULTS}/training/{{garment}}/shape_descriptor/{{variant}}/losses.csv",
@@ -40,13 +33,7 @@ rule train_motion_invariant:
     input:
         shards=shards,
         descriptor=model_file("shape_descriptor"),
-        code=code(
-            "models/motion_invariant.py",
-            "models/training.py",
-            "datasets",
-            "pipeline/learning.py",
-            "pipeline/train_motion_invariant.py",
-        ),
+        code=stage_sources("train_motion_invariant"),
     output:
         model=f"{RESULTS}/models/{{garment}}/motion_invariant/{{variant}}.pt",
         losses=f"{RESULTS}/training/{{garment}}/motion_invariant/{{variant}}/losses.csv",
@@ -70,9 +57,7 @@ rule train_motion_invariant:
 rule train_recognition:
     input:
         motions=batches(),
-        code=code(
-            "models/recognition.py", "models/motion_fitting.py", "models/training.py", "pipeline/train_recognition.py"
-        ),
+        code=stage_sources("train_recognition"),
     output:
         model=f"{RESULTS}/models/motion/recognition.pt",
         losses=f"{RESULTS}/training/motion/recognition/losses.csv",
@@ -96,14 +81,7 @@ rule train_recognition:
 rule train_motion_cvae:
     input:
         motions=batches(),
-        code=code(
-            "models/motion_cvae.py",
-            "models/motion_fitting.py",
-            "models/transformer.py",
-            "models/body_layer.py",
-            "models/training.py",
-            "pipeline/train_motion_cvae.py",
-        ),
+        code=stage_sources("train_motion_cvae"),
     output:
         model=f"{RESULTS}/models/motion/motion_cvae.pt",
         losses=f"{RESULTS}/training/motion/motion_cvae/losses.csv",
@@ -128,7 +106,7 @@ rule train_garment_regressor:
     input:
         shards=shards,
         template=f"{RESULTS}/garments/{{garment}}.npz",
-        code=code("models", "datasets", "pipeline/learning.py", "pipeline/train_garment_regressor.py"),
+        code=stage_sources("train_garment_regressor"),
     output:
         model=f"{RESULTS}/models/{{garment}}/garment_regressor/{{variant}}.pt",
         losses=f"{RESULTS}/training/{{garment}}/garment_regressor/{{variant}}/losses.csv",
@@ -155,7 +133,7 @@ rule fine_tune_regressor:
         regressor=model_file("garment_regressor"),
         cvae=f"{RESULTS}/models/motion/motion_cvae.pt",
         template=f"{RESULTS}/garments/{{garment}}.npz",
-        code=code("models", "motions/grounding.py", "pipeline/learning.py", "pipeline/fine_tune_regressor.py"),
+        code=stage_sources("fine_tune_regressor"),
     output:
         model=f"{RESULTS}/models/{{garment}}/garment_regressor/fine_tuned.pt",
         table=f"{RESULTS}/parts/collision_tuning/{{garment}}.csv",

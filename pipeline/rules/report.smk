@@ -7,17 +7,7 @@ rule render:
         shards=shards,
         cvae=f"{RESULTS}/models/motion/motion_cvae.pt",
         regressor=model_file("garment_regressor", "fine_tuned"),
-        code=code(
-            "report/camera.py",
-            "report/gallery.py",
-            "report/render.py",
-            "report/sheets.py",
-            "models",
-            "datasets",
-            "evaluation/metrics.py",
-            "pipeline/learning.py",
-            "pipeline/render.py",
-        ),
+        code=stage_sources("render"),
     output:
         directory(f"{RESULTS}/figures/{{garment}}"),
     log:
@@ -40,8 +30,7 @@ rule report:
         tables=rules.tables.input,
         figures=expand(f"{RESULTS}/figures/{{garment}}", garment=GARMENTS),
         losses=losses(),
-        code=code("report", "pipeline/report.py"),
-        page=glob("report/*.html") + glob("report/*.css"),
+        code=stage_sources("report"),
     output:
         report(f"{RESULTS}/report.html", category="Report"),
     log:

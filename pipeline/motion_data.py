@@ -1,0 +1,49 @@
+"""From batches of clips to labelled poses, and from the motion CVAE to motions that can be dressed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import torch
+
+from body.model import Body
+from geometry.rotations import axis_angle_to_6d, matrix_from_6d, matrix_to_axis_angle
+from models.motion_cvae import MotionCVAE
+from models.motion_features import MotionTrack
+from motions.clip import Clip
+from motions.clip_file import read_clips
+from motions.grounding import ground_motion
+from motions.lead_in import lead_in
+from pipeline.stage import Job
+
+
+def labelled_poses(job: Job, paths: Iterable[str], held_out: bool) -> tuple[np.ndarray, list[str]]:
+    """Poses of the clips of one side of the split in the 6-D form, shape [N, T, 24, 6], and their labels."""
+    excluded = set(job.spec["held_out_clips"])
+    clips = [clip for path in paths for clip in read_clips(path) if (clip.name in excluded) == held_out]
+    if not clips:
+        raise ValueError(f"motions: no clip is {'held out' if held_out else 'left to train on'}")
+    return np.stack([axis_angle_to_6d(c.pose) for c in clips]).astype(np.float32), [c.label for c in clips]
+
+
+def generated_tracks(
+    cvae: MotionCVAE,
+    labels: list[str],
+    frames: int,
+    fps: float,
+    lead: int,
+    body: Body,
+    generator: torch.Generator,
+) -> list[MotionTrack]:
+    """Motions sampled from the CVAE, put on the ground and led into, ready to be dressed; one a label given."""
+    tracks = []
+    for number, pose6d in enumerate(cvae.sample(labels, frames, generator)):
+        pose = matrix_to_axis_angle(matrix_from_6d(pose6d)).astype(np.float32)
+        clip = Clip(
+            f"generated_{number:04d}", "generated", labels[number], pose, ground_motion(pose, body), fps, "cvae"
+        )
+        lead_pose, lead_root = lead_in(clip, body, lead)
+        whole_pose, whole_root = np.concatenate([lead_pose, clip.pose]), np.concatenate([lead_root, clip.root])
+        tracks.append(MotionTrack(whole_pose, body.joint_positions(whole_pose, whole_root), lead, fps))
+    return tracks
