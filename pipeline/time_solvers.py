@@ -2,7 +2,7 @@
 
 In: the template, a batch of motions and the trained models. Out: the garment's rows of the table ``timing``: the XPBD
 simulator and the implicit baseline on the same garment, body and clip; the networks' roads to the same frames (Shi
-2023, Table 2; Wang 2019, section 5); and the published figures of ARCSim, on other hardware. One thread throughout.
+2023, Table 2; Wang 2019, section 3.6); and the published figures of ARCSim, on other hardware. One thread throughout.
 """
 
 from __future__ import annotations

@@ -1,0 +1,118 @@
+"""The data plan: asking for more appends, and every number keeps its meaning."""
+
+from __future__ import annotations
+
+import json
+import os
+from copy import deepcopy
+from pathlib import Path
+
+import pytest
+
+from pipeline import spec
+from pipeline.canonical import canonical
+from pipeline.config import load_config
+from pipeline.plan import (
+    batch_clips,
+    batch_count,
+    motion_labels,
+    plan_clips,
+    shard_batches,
+    shard_names,
+    shard_simulations,
+)
+
+CONFIGS = Path(__file__).parent.parent / "configs"
+MOCAP = Path(os.environ.get("DRAPELINE_MOCAP", CONFIGS.parent / ".." / "shared" / "mocap"))
+
+BVH = """HIERARCHY
+ROOT Hips
+{
+  OFFSET 0 90 0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+  End Site
+  {
+    OFFSET 0 10 0
+  }
+}
+MOTION
+Frames: %d
+Frame Time: 0.0333333
+%s"""
+
+
+@pytest.fixture
+def config() -> dict:
+    return load_config([CONFIGS / "default.yaml", CONFIGS / "smoke.yaml"])
+
+
+def test_more_variants_append_clips(config):
+    fewer = plan_clips(config["motions"])
+    config["motions"]["procedural"]["variants"] += 2
+    more = plan_clips(config["motions"])
+    assert more[: len(fewer)] == fewer and len(more) == len(fewer) + 2 * 3
+    assert [clip.index for clip in more] == list(range(len(more)))
+    assert len({clip.name for clip in more}) == len(more)
+
+
+def test_batches_hold_every_clip_once(config):
+    motions = config["motions"] | {"clips_per_batch": 5}
+    held = [clip for batch in range(batch_count(motions)) for clip in batch_clips(motions, batch)]
+    assert held == plan_clips(motions)
+
+
+def test_shards_hold_every_simulation_once(config):
+    config["data"]["materials"] |= {"samples": 8, "samples_per_shard": 2, "clips": 5}
+    config["motions"]["clips_per_batch"] = 4
+    pairs = [(phi, clip.name) for shard in shard_names(config) for phi, clip in shard_simulations(config, shard)]
+    clips = [clip.name for clip in plan_clips(config["motions"])]
+    assert len(pairs) == len(set(pairs))
+    assert set(pairs) == {(0, c) for c in clips} | {(phi, c) for phi in range(1, 9) for c in clips[:5]}
+    # A shard is given exactly the motion files that hold its clips.
+    for shard in shard_names(config):
+        needed = {clip.name for _, clip in shard_simulations(config, shard)}
+        given = {c.name for batch in shard_batches(config, shard) for c in batch_clips(config["motions"], batch)}
+        assert needed <= given
+
+
+def test_specs_hold_what_determines_a_job_and_nothing_else(config):
+    before = {shard: spec.simulate_spec(config, "skirt", shard) for shard in shard_names(config)}
+    changed = deepcopy(config)
+    changed["compute"] = {"device": "cuda", "threads": 8}
+    changed["models"]["motion_cvae"]["layers"] = 1
+    changed["garments"]["tshirt"]["ranges"]["density"]["max"] = 0.2
+    assert {shard: spec.simulate_spec(changed, "skirt", shard) for shard in shard_names(config)} == before
+    changed["garments"]["skirt"]["ranges"]["density"]["max"] = 0.2
+    after = {shard: spec.simulate_spec(changed, "skirt", shard) for shard in shard_names(config)}
+    assert [shard for shard in before if before[shard] != after[shard]] == ["materials_0000"]
+    assert spec.garment_spec(changed, "skirt") == spec.garment_spec(config, "skirt")
+
+
+def test_canonical_text_of_equal_values_is_equal():
+    assert canonical({"b": 30.0, "a": [1e-3, 2]}) == canonical({"a": [0.001, 2.0], "b": 30})
+    assert json.loads(canonical({"x": 0.1})) == {"x": 0.1}
+    assert canonical({"x": 0.1}) != canonical({"x": 0.1000001})
+
+
+def test_recordings_are_interleaved_and_cut_into_windows(config, tmp_path):
+    lengths = {"walk_a": 40, "walk_b": 20, "run_a": 33, "run_b": 16, "bow_a": 100}
+    for name, frames in lengths.items():
+        (tmp_path / f"{name}.bvh").write_text(BVH % (frames, "0 90 0 0 0 0\n" * frames))
+    rows = [f"{name}.bvh,{name.split('_')[0]}" for name in sorted(lengths)]
+    (tmp_path / "labels.csv").write_text("file,label\n" + "\n".join(rows) + "\n")
+    motions = config["motions"] | {"source": "bvh", "frames": 16, "fps": 30}
+    motions["bvh"] = {"folder": str(tmp_path), "labels": "labels.csv", "clips_per_take": 2, "takes_per_label": 2}
+    clips = plan_clips(motions)
+    # One take of each label first, second windows last, and no label with a single take.
+    assert [c.name for c in clips] == ["run_a_000", "walk_a_000", "run_b_000", "walk_b_000", "run_a_001", "walk_a_001"]
+    assert [c.take_index for c in clips] == [0, 1, 2, 3, 0, 1]
+    assert motion_labels(motions) == ["run", "walk"]
+
+
+@pytest.mark.skipif(not (MOCAP / "labels.csv").is_file(), reason="the motion capture folder is not there")
+def test_the_real_recordings_fill_a_plan(config):
+    config = load_config([CONFIGS / "default.yaml"])
+    motions = config["motions"] | {"source": "bvh", "max_clips": 168}
+    motions["bvh"] = {"folder": str(MOCAP), "labels": "labels.csv", "clips_per_take": 2, "takes_per_label": 5}
+    clips = plan_clips(motions)
+    assert len(clips) == 168 and len(motion_labels(motions)) > 10
