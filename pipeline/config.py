@@ -70,8 +70,10 @@ def load_config(paths: Iterable[str | Path]) -> dict[str, Any]:
 
 
 def read_layers(paths: Iterable[str | Path]) -> list[Layer]:
-    """Each file with its own content, to name the file that set a refused value."""
-    return [(str(path), read_yaml(path)) for path in paths]
+    """Each file with its own content, to name the file that set a refused value, from here if it lies below."""
+    here = Path.cwd()
+    named = [Path(path).relative_to(here) if Path(path).is_relative_to(here) else Path(path) for path in paths]
+    return [(str(path), read_yaml(path)) for path in named]
 
 
 def overlaid(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
