@@ -57,6 +57,10 @@ def _plan_procedural(motions: Mapping[str, Any]) -> list[PlannedClip]:
 
     asked = motions["procedural"]["labels"]
     labels = {"default": DEFAULT_LABELS, "all": LABELS}[asked] if isinstance(asked, str) else asked
+    if isinstance(labels, int):
+        if labels > len(LABELS):
+            raise ValueError(f"{labels} labels are asked for, the generator knows {len(LABELS)}")
+        labels = LABELS[:labels]
     for label in labels:
         if label not in LABELS:
             raise ValueError(f"unknown motion label {label!r}; known are {', '.join(LABELS)}")

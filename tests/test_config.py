@@ -86,6 +86,10 @@ CASES = {
         "motions: {procedural: {labels: [walk, fly]}}",
         ["mine.yaml: motions.procedural: unknown motion label 'fly'; known are", "walk"],
     ),
+    "more labels than there are": (
+        "motions: {procedural: {labels: 999}}",
+        ["mine.yaml: motions.procedural: 999 labels are asked for, the generator knows"],
+    ),
     "no folder": ("motions: {source: bvh}", ["motions.bvh: no folder is given"]),
     "folder that is not there": (
         "motions: {source: bvh, bvh: {folder: no/such/folder}}",

@@ -94,6 +94,13 @@ def test_canonical_text_of_equal_values_is_equal():
     assert canonical({"x": 0.1}) != canonical({"x": 0.1000001})
 
 
+def test_the_papers_labels_and_frames():
+    motions = load_config([CONFIGS / "default.yaml", CONFIGS / "paper.yaml"])["motions"]
+    assert len(motion_labels(motions)) == 66
+    frames = len(plan_clips(motions)) * motions["frames"]
+    assert frames - motions["frames"] < 108_705 <= frames
+
+
 def test_recordings_are_interleaved_and_cut_into_windows(config, tmp_path):
     lengths = {"walk_a": 40, "walk_b": 20, "run_a": 33, "run_b": 16, "bow_a": 100}
     for name, frames in lengths.items():
