@@ -5,7 +5,6 @@ The file is a plain ``.npz`` (no pickle): arrays of ``GarmentTemplate`` under th
 
 from __future__ import annotations
 
-import os
 import zipfile
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from datasets.atomic import atomic_path
 from geometry.topology import MeshTopology, face_areas
 
 FORMAT_VERSION = 1
@@ -117,14 +117,10 @@ class GarmentTemplate:
 
     def save(self, path: str | Path) -> None:
         """Write the template as one ``.npz`` file, whole or not at all."""
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(path.name + ".tmp")
         content = {field: getattr(self, field) for field in _ARRAYS}
         content |= {field: np.array(getattr(self, field)) for field in _TEXTS}
-        with open(partial, "wb") as stream:
+        with atomic_path(path) as partial, open(partial, "wb") as stream:
             np.savez_compressed(stream, format_version=np.array(FORMAT_VERSION), **content)
-        os.replace(partial, path)
 
     @classmethod
     def load(cls, path: str | Path) -> GarmentTemplate:

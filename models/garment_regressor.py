@@ -19,6 +19,7 @@ Dimensions: B sequences, L lead-in and T wanted frames, D features, K code size 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -124,7 +125,7 @@ def variant_config(name: str, vertices: int, **overrides) -> RegressorConfig:
     return replace(RegressorConfig(vertices), **{**VARIANTS[name], **values, "variant": name, **overrides})
 
 
-class Regressor(nn.Module):
+class Regressor(nn.Module, ABC):
     """What every variant shares: feature scaling, shape code, and dressing a motion."""
 
     def __init__(self, config: RegressorConfig, faces: np.ndarray) -> None:
@@ -167,9 +168,9 @@ class Regressor(nn.Module):
             layers += [nn.Linear(before, after), nn.GELU(), nn.Dropout(c.dropout)]
         return nn.Sequential(*layers, nn.Linear(sizes[-1], self.shape.size))
 
+    @abstractmethod
     def unroll(self, features: Tensor, lead: int) -> Tensor:
         """Free-running codes [B, T, K] of scaled features [B, L + T, D]."""
-        raise NotImplementedError
 
     @torch.no_grad()
     def dress(self, track: MotionTrack) -> np.ndarray:

@@ -15,6 +15,7 @@ Two variants behind one API:
 from __future__ import annotations
 
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -65,7 +66,7 @@ class ShapeDescriptorConfig:
             raise ValueError(f"shape descriptor laplacian_weight: must not be negative, got {self.laplacian_weight}")
 
 
-class ShapeDescriptor(nn.Module):
+class ShapeDescriptor(nn.Module, ABC):
     """What both variants share: the faces, the Laplacian of the loss and the calls.
 
     Buffers: ``faces [F, 3]``, ``mean [3V]`` [m], and the Laplacian [V, V], which is made from the faces.
@@ -99,13 +100,13 @@ class ShapeDescriptor(nn.Module):
         """Reconstruction ``N_D(N_E(V))`` [B, V, 3]."""
         return self.decode(self.encode(vertices))
 
+    @abstractmethod
     def encode_flat(self, centred: Tensor) -> Tensor:
         """Descriptor [B, C] of centred coordinates [B, 3V]."""
-        raise NotImplementedError
 
+    @abstractmethod
     def decode_flat(self, code: Tensor) -> Tensor:
         """Centred coordinates [B, 3V] of a descriptor [B, C]."""
-        raise NotImplementedError
 
 
 class PaperDescriptor(ShapeDescriptor):

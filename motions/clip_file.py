@@ -7,7 +7,6 @@ datasets ``pose`` [T, 24, 3] and ``root`` [T, 3].
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import h5py
 import numpy as np
 
 from body.skeleton import JOINT_COUNT
+from datasets.atomic import atomic_path
 from motions.clip import Clip
 
 FORMAT = "drapeline-motions"
@@ -39,20 +39,15 @@ def write_clips(path: str | Path, clips: Sequence[Clip]) -> None:
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise ValueError(f"Two clips are named '{twice}'; names must be unique in {path}")
-    temporary = Path(f"{path}.{os.getpid()}.tmp")
-    try:
-        with h5py.File(temporary, "w") as file:
-            file.attrs["format"], file.attrs["version"], file.attrs["units"] = FORMAT, VERSION, UNITS
-            file.attrs["clips"] = len(clips)
-            for index, clip in enumerate(clips):
-                group = file.create_group(f"clips/{index:05d}")
-                for field in ("name", "take", "label", "fps", "source"):
-                    group.attrs[field] = getattr(clip, field)
-                for field in ("pose", "root"):
-                    group.create_dataset(field, data=getattr(clip, field), compression="gzip", shuffle=True)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["format"], file.attrs["version"], file.attrs["units"] = FORMAT, VERSION, UNITS
+        file.attrs["clips"] = len(clips)
+        for index, clip in enumerate(clips):
+            group = file.create_group(f"clips/{index:05d}")
+            for field in ("name", "take", "label", "fps", "source"):
+                group.attrs[field] = getattr(clip, field)
+            for field in ("pose", "root"):
+                group.create_dataset(field, data=getattr(clip, field), compression="gzip", shuffle=True)
 
 
 def read_clips(path: str | Path) -> list[Clip]:

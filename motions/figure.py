@@ -65,11 +65,6 @@ class Figure:
         bones = [np.linalg.norm(self.offset(f"{side}_{part}")) for side in SIDES for part in ("knee", "ankle")]
         return float(sum(bones) / 2.0)
 
-    @property
-    def hip_height(self) -> float:
-        """Height of the hip joints of the zero pose [m]."""
-        return float(self.joints[[1, 2], 1].mean())
-
 
 _PARENT_OF = {
     f"{side}_{part}": JOINT_INDEX[f"{side}_{parent}"]

@@ -259,6 +259,23 @@ def test_template_refuses(field: str, change, text: str, templates: dict[str, Ga
         replace(templates["skirt"], **{field: change(getattr(templates["skirt"], field))})
 
 
+def test_a_failed_save_leaves_the_old_file_and_nothing_else(
+    tmp_path, templates: dict[str, GarmentTemplate], monkeypatch
+) -> None:
+    path, skirt = tmp_path / "skirt.npz", templates["skirt"]
+    skirt.save(path)
+    before = path.read_bytes()
+
+    def disk_full(stream, **_: object) -> None:
+        stream.write(b"half")
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", disk_full)
+    with pytest.raises(OSError, match="no space left"):
+        skirt.save(path)
+    assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
+
+
 def test_broken_files_are_refused(tmp_path, templates: dict[str, GarmentTemplate]) -> None:
     path = tmp_path / "g.npz"
     templates["skirt"].save(path)
