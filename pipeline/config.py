@@ -16,7 +16,8 @@ from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError, best_match
 
 from garments.spec import MEASURES, VERTEX_LIMITS
-from sim.parameters import INTRINSIC_PARAMETERS, PARAMETER_NAMES, parameter
+from sim.fabrics import FABRICS
+from sim.parameters import PARAMETER_NAMES, parameter
 
 SCHEMA_FILE = Path(__file__).resolve().parent.parent / "configs" / "schema.yaml"
 
@@ -100,6 +101,8 @@ def check_config(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
 def _check_parameters(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
     for garment, settings in config["garments"].items():
         place = ("garments", garment)
+        if "fabric" in settings:
+            _check_fabric((*place, "fabric"), settings["fabric"], layers)
         for name, value in settings.get("base", {}).items():
             _check_parameter((*place, "base", name), name, value, layers)
         for name, bounds in settings.get("ranges", {}).items():
@@ -109,6 +112,13 @@ def _check_parameters(config: Mapping[str, Any], layers: Sequence[Layer]) -> Non
             if bounds["min"] > bounds["max"]:
                 found = f"min {bounds['min']:g} is above max {bounds['max']:g}"
                 raise _error(layers, key, found, "min must not be above max")
+
+
+def _check_fabric(key: tuple, name: str, layers: Sequence[Layer]) -> None:
+    if name not in FABRICS:
+        close = difflib.get_close_matches(name, FABRICS, 1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        raise _error(layers, key, f"unknown fabric {name!r}{hint}", f"allowed are {', '.join(FABRICS)}")
 
 
 def _check_parameter(key: tuple, name: str, value: float, layers: Sequence[Layer]) -> None:
@@ -133,7 +143,7 @@ def _check_garments(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
                 layers, (*place, "kind"), f"unknown garment {kind!r}", f"allowed are {', '.join(sorted(MEASURES))}"
             )
         limits = {measure: (m.low, m.high) for measure, m in MEASURES[kind].items()} | {"vertices": VERTEX_LIMITS[kind]}
-        for measure in sorted(set(settings) - {"kind", "base", "ranges"}):
+        for measure in sorted(set(settings) - {"kind", "fabric", "base", "ranges"}):
             if measure not in limits:
                 known = ", ".join(MEASURES[kind])
                 raise _error(layers, (*place, measure), f"a {kind} has no such measure", f"allowed are {known}")
@@ -250,9 +260,3 @@ def _owner(layers: Sequence[Layer], key: Sequence) -> str:
             if node is not None:
                 return path
     return layers[-1][0] if layers else "configuration"
-
-
-def base_overrides(settings: Mapping[str, Any]) -> dict[str, float]:
-    """A garment's own base values, as floats in the project's order."""
-    given = settings.get("base", {})
-    return {p.name: float(given[p.name]) for p in INTRINSIC_PARAMETERS if p.name in given}

@@ -12,11 +12,11 @@ from typing import Any
 
 from datasets.splits import SplitRule
 from pipeline.canonical import canonical
-from pipeline.config import base_overrides
 from pipeline.plan import batch_clips, motion_labels, plan_clips, shard_plan, shard_simulations
+from sim.fabrics import base_values
 
 Config = Mapping[str, Any]
-MATERIAL_KEYS = ("base", "ranges")
+MATERIAL_KEYS = ("fabric", "base", "ranges")
 """Keys of a garment that say what it is made of; all others say what shape it has."""
 
 
@@ -48,7 +48,7 @@ def simulate_spec(config: Config, garment: str, shard: str) -> str:
         "plan": plan,
         "seed": config["seed"],
         "body": config["body"],
-        "base": base_overrides(settings),
+        "base": base_values(settings),
         "simulations": simulations,
         "fps": config["motions"]["fps"],
         "lead_in": config["motions"]["lead_in"],
@@ -113,7 +113,7 @@ def timing_spec(config: Config, garment: str) -> str:
         {
             "garment": garment,
             "body": config["body"],
-            "base": base_overrides(config["garments"][garment]),
+            "base": base_values(config["garments"][garment]),
             "fps": config["motions"]["fps"],
             "lead_in": config["motions"]["lead_in"],
             "settle": config["simulation"]["settle"],

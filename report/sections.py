@@ -17,6 +17,7 @@ from report.columns import is_number, significant
 from report.run_files import Picture, RunFiles
 from report.tables import TableView, is_reference, readable, table_view
 from report.wide import wide_view
+from sim.fabrics import base_values
 from sim.parameters import INTRINSIC_PARAMETERS
 
 HARDEST = ("unseen_both", "unseen_motions", "unseen_parameters")
@@ -284,7 +285,7 @@ class Sections:
             for name in garments:
                 settings = garments[name]
                 limits = settings.get("ranges", {}).get(p.name)
-                base = settings.get("base", {}).get(p.name, p.base)
+                base = base_values(settings).get(p.name, p.base)
                 row[name] = f"{_plain(limits['min'])}\u2009–\u2009{_plain(limits['max'])}" if limits else "fixed"
                 row[f"{name}, base"] = _plain(base)
             rows.append(row | {"meaning": p.meaning})

@@ -41,7 +41,14 @@ class IntrinsicParameter:
 INTRINSIC_PARAMETERS: tuple[IntrinsicParameter, ...] = (
     IntrinsicParameter("substeps", "simulator", "1", 24, (1, 512), "Solver substeps a frame", integer=True),
     IntrinsicParameter("time_scale", "simulator", "1", 1.0, (0.1, 4.0), "Simulated seconds a second of the clip"),
-    IntrinsicParameter("thickness", "simulator", "m", 0.003, (0.0005, 0.02), "Distance kept between cloth and body"),
+    IntrinsicParameter(
+        "thickness",
+        "simulator",
+        "m",
+        0.003,
+        (0.0005, 0.02),
+        "Distance kept between cloth and body, and between layers of cloth",
+    ),
     IntrinsicParameter(
         "compression", "simulator", "1", 0.5, (0.0, 1.0), "Stiffness against compression over that against stretch"
     ),
@@ -52,8 +59,15 @@ INTRINSIC_PARAMETERS: tuple[IntrinsicParameter, ...] = (
         "N s/m^3",
         0.7,
         (0.0, 20.0),
-        "Drag force an area of cloth and a speed against the still air",
+        "Drag force an area and a speed of cloth against the air, at right angles to the sheet",
         logarithmic=True,
+    ),
+    IntrinsicParameter(
+        "drag_ratio", "environment", "1", 0.3, (0.0, 1.0), "Drag along the sheet over drag at right angles to it"
+    ),
+    IntrinsicParameter("wind_speed", "environment", "m/s", 0.0, (0.0, 30.0), "Speed of a steady horizontal wind"),
+    IntrinsicParameter(
+        "wind_heading", "environment", "rad", 0.0, (-np.pi, np.pi), "Where the wind blows to: 0 is +z, pi/2 is +x"
     ),
     IntrinsicParameter("density", "material", "kg/m^2", 0.2, (0.01, 2.0), "Mass an area of cloth", logarithmic=True),
     IntrinsicParameter(
@@ -71,7 +85,17 @@ INTRINSIC_PARAMETERS: tuple[IntrinsicParameter, ...] = (
     IntrinsicParameter(
         "bend_damping", "material", "s", 0.01, (0.0, 10.0), "Bending damping as a fraction of stiffness"
     ),
+    IntrinsicParameter(
+        "bend_yield",
+        "material",
+        "1/m",
+        1.0e6,
+        (1.0, 1.0e6),
+        "Curvature beyond which a bend stays as a crease; 1e6: never",
+        logarithmic=True,
+    ),
     IntrinsicParameter("friction", "material", "1", 0.4, (0.0, 2.0), "Coulomb friction between cloth and body"),
+    IntrinsicParameter("self_friction", "material", "1", 0.3, (0.0, 2.0), "Coulomb friction between layers of cloth"),
 )
 
 PARAMETER_NAMES: tuple[str, ...] = tuple(p.name for p in INTRINSIC_PARAMETERS)
