@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from datasets.atomic import atomic_path
-from geometry.topology import MeshTopology, face_areas
+from geometry.mesh_check import check_mesh
+from geometry.topology import MeshTopology
 
 FORMAT_VERSION = 1
-SMALLEST_AREA = 1e-9
-"""Triangles below this area [m^2] (a hair of 1 mm by 2 um) count as degenerate."""
 
 _TEXTS = ("name", "kind", "body_name", "body_digest")
 _ARRAYS = ("vertices", "faces", "pinned", "skin_index", "skin_weight")
@@ -29,7 +28,7 @@ class GarmentTemplate:
 
     Attributes:
         name: Name of the garment.
-        kind: "skirt", "tshirt", "pants", or what a user's own mesh is called.
+        kind: "skirt", "tshirt" or "pants"; of a user's own mesh, what it is worn as ("dress" beside these).
         vertices: Positions on the bind-pose body [m], shape [V, 3] float32.
         faces: Outward triangles, shape [F, 3] int32.
         pinned: Vertices that are held to the body (the waist ring; empty for a T-shirt), shape [P] int32, sorted.
@@ -37,10 +36,11 @@ class GarmentTemplate:
         skin_weight: Their weights, not negative, summing to one, shape [V, 4] float32.
         body_name: Body that the garment was built on.
         body_digest: Digest of that body.
+        pieces: Connected pieces that the mesh may have; more than 1 only for garments worn in layers.
 
     Raises:
-        ValueError: in one sentence, for arrays of wrong shape, values that are not finite, degenerate or non-manifold
-            triangles, indices out of range or weights that do not sum to one.
+        ValueError: in one sentence, for arrays of wrong shape, a mesh that ``geometry.mesh_check`` refuses, indices
+            out of range or weights that do not sum to one.
     """
 
     name: str
@@ -52,6 +52,7 @@ class GarmentTemplate:
     skin_weight: np.ndarray
     body_name: str
     body_digest: str
+    pieces: int = 1
 
     def __post_init__(self) -> None:
         where = f"garment '{self.name}'"
@@ -75,15 +76,13 @@ class GarmentTemplate:
             if len(got) != len(shape) or any(w is not None and w != g for w, g in zip(shape, got)):
                 wanted = [{"vertices": "V", "faces": "F", "pinned": "P"}[field] if w is None else w for w in shape]
                 raise ValueError(f"{where}: '{field}' must have shape {_listed(wanted)}, got {_listed(got)}")
-        if count < 3 or len(self.faces) == 0:
-            raise ValueError(f"{where}: a mesh needs at least 3 vertices and 1 face, got {count} and {len(self.faces)}")
-        for field in ("vertices", "skin_weight"):
-            bad = ~np.isfinite(getattr(self, field)).all(axis=1)
-            if bad.any():
-                raise ValueError(
-                    f"{where}: '{field}' row {int(bad.argmax())} is not finite ({int(bad.sum())} such rows)"
-                )
-        for field, limit in (("faces", count), ("pinned", count), ("skin_index", 24)):
+        check_mesh(where, self.vertices, self.faces, self.pieces)
+        bad = ~np.isfinite(self.skin_weight).all(axis=1)
+        if bad.any():
+            raise ValueError(
+                f"{where}: 'skin_weight' row {int(bad.argmax())} is not finite ({int(bad.sum())} such rows)"
+            )
+        for field, limit in (("pinned", count), ("skin_index", 24)):
             values = getattr(self, field)
             if values.size and (values.min() < 0 or values.max() >= limit):
                 raise ValueError(f"{where}: '{field}' must lie in 0..{limit - 1}, got {values.min()}..{values.max()}")
@@ -91,24 +90,6 @@ class GarmentTemplate:
             raise ValueError(f"{where}: 'pinned' names a vertex twice")
         if (self.skin_weight < 0).any() or (np.abs(self.skin_weight.sum(axis=1) - 1.0) > 1e-3).any():
             raise ValueError(f"{where}: 'skin_weight' rows must be non-negative and sum to one")
-        self._check_mesh(where)
-
-    def _check_mesh(self, where: str) -> None:
-        unused = np.setdiff1d(np.arange(len(self.vertices)), self.faces)
-        if len(unused):
-            raise ValueError(f"{where}: vertex {unused[0]} belongs to no face ({len(unused)} such vertices)")
-        area = face_areas(self.vertices.astype(np.float64), self.faces)
-        if area.min() < SMALLEST_AREA:
-            raise ValueError(f"{where}: face {int(area.argmin())} is degenerate (area {area.min():.1e} m^2)")
-        try:
-            topology = self.topology
-        except ValueError as error:
-            raise ValueError(f"{where}: {error}") from None
-        openings = np.bincount(topology.edges[topology.boundary].reshape(-1), minlength=len(self.vertices))
-        if openings.max() > 2:
-            raise ValueError(
-                f"{where}: vertex {int(openings.argmax())} joins two openings: the mesh is not manifold there"
-            )
 
     @cached_property
     def topology(self) -> MeshTopology:
@@ -118,7 +99,7 @@ class GarmentTemplate:
     def save(self, path: str | Path) -> None:
         """Write the template as one ``.npz`` file, whole or not at all."""
         content = {field: getattr(self, field) for field in _ARRAYS}
-        content |= {field: np.array(getattr(self, field)) for field in _TEXTS}
+        content |= {field: np.array(getattr(self, field)) for field in (*_TEXTS, "pieces")}
         with atomic_path(path) as partial, open(partial, "wb") as stream:
             np.savez_compressed(stream, format_version=np.array(FORMAT_VERSION), **content)
 
@@ -145,7 +126,8 @@ class GarmentTemplate:
             if content[key].shape != () or content[key].dtype.kind != "U":
                 raise ValueError(f"{path}: '{key}' must be a text")
         try:
-            return cls(**{key: str(content[key]) for key in _TEXTS}, **{key: content[key] for key in _ARRAYS})
+            texts, arrays = {key: str(content[key]) for key in _TEXTS}, {key: content[key] for key in _ARRAYS}
+            return cls(**texts, **arrays, pieces=_pieces(content.get("pieces", np.array(1))))
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
 
@@ -157,7 +139,16 @@ def _numbers(where: str, field: str, values: np.ndarray, dtype: type) -> np.ndar
         raise ValueError(
             f"{where}: '{field}' must hold {'whole ' if dtype is np.int32 else ''}numbers, got {array.dtype}"
         )
+    if dtype is np.int32 and array.size and not -(2**31) <= int(array.min()) <= int(array.max()) < 2**31:
+        raise ValueError(f"{where}: '{field}' holds {array.min()}..{array.max()}, more than 32 bits")
     return np.ascontiguousarray(array, dtype=dtype)
+
+
+def _pieces(value: np.ndarray) -> int:
+    """Files from before garments in layers have no such number: 1."""
+    if value.shape != () or value.dtype.kind not in "iu" or value < 1:
+        raise ValueError(f"'pieces' must be a whole number from 1 on, got {value}")
+    return int(value)
 
 
 def _listed(shape: object) -> str:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from body.motion_limits import check_speeds
 from body.skeleton import JOINT_COUNT
 
-MAX_ROOT_SPEED = 20.0  # [m/s]; a sprinter stays below 13, so anything faster is a jump in the recording
 MAX_ROTATION = 4.0 * np.pi  # [rad]; larger axis-angle vectors are almost always degrees taken for radians
 
 
@@ -26,7 +26,8 @@ class Clip:
         source: Where the motion comes from, e.g. "procedural" or "bvh".
 
     Raises:
-        ValueError: Wrong shapes, NaN or infinite values, rotations that look like degrees, a root that teleports.
+        ValueError: Wrong shapes, NaN or infinite values, rotations that look like degrees, a root or a
+            joint that teleports (``body.motion_limits``).
     """
 
     name: str
@@ -85,10 +86,4 @@ def validate_motion(pose: np.ndarray, root: np.ndarray, fps: float, what: str) -
             f"{what}: joint {joint} is rotated by {largest.max():.1f} rad in frame {frame}, "
             f"at most {MAX_ROTATION:.1f} rad is allowed (are these degrees?)"
         )
-    steps = np.linalg.norm(np.diff(root.astype(np.float64), axis=0), axis=-1)
-    if steps.max() * fps > MAX_ROOT_SPEED:
-        frame = int(steps.argmax())
-        raise ValueError(
-            f"{what}: the root jumps {steps[frame]:.2f} m between frames {frame} and {frame + 1}, "
-            f"at most {MAX_ROOT_SPEED / fps:.2f} m ({MAX_ROOT_SPEED:.0f} m/s) is allowed"
-        )
+    check_speeds(what, pose, root, fps)

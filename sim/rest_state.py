@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.mesh_check import check_mesh
 from geometry.topology import MeshTopology, face_normals, normalized
 
 # Above this |cosine| between a triangle's normal and the vertical, the vertical has no usable direction in its plane.
@@ -55,16 +56,22 @@ class RestState:
     edge_length: np.ndarray
 
     @classmethod
-    def from_mesh(cls, vertices: np.ndarray, faces: np.ndarray, pinned: np.ndarray | None = None) -> RestState:
-        """Measure a mesh; raises ``ValueError`` on NaN, wrong shapes, degenerate triangles or pins out of range."""
+    def from_mesh(
+        cls, vertices: np.ndarray, faces: np.ndarray, pinned: np.ndarray | None = None, pieces: int = 1
+    ) -> RestState:
+        """Measure a mesh.
+
+        Args:
+            vertices: Positions of the garment as sewn [m], shape [V, 3].
+            faces: Triangles, shape [F, 3].
+            pinned: Indices of kinematic vertices, none by default.
+            pieces: Connected pieces that the mesh may have; more than 1 for garments worn in layers.
+
+        Raises:
+            ValueError: Anything that ``geometry.mesh_check`` refuses, or pins out of range.
+        """
+        check_mesh("garment", vertices, faces, pieces)
         vertices = np.asarray(vertices, dtype=np.float64)
-        if vertices.ndim != 2 or vertices.shape[1] != 3:
-            raise ValueError(f"garment vertices: expected shape [V, 3], got {list(vertices.shape)}")
-        if not np.isfinite(vertices).all():
-            raise ValueError(f"garment vertices: vertex {_first(~np.isfinite(vertices).all(axis=1))} is not finite")
-        faces = np.asarray(faces)
-        if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
-            raise ValueError(f"garment faces: index {faces.max()} outside the {len(vertices)} vertices")
         topology = MeshTopology.from_faces(faces, len(vertices))
         pinned = np.zeros(0, dtype=np.int32) if pinned is None else np.unique(np.asarray(pinned, dtype=np.int32))
         if len(pinned) and (pinned[0] < 0 or pinned[-1] >= len(vertices)):
@@ -72,8 +79,6 @@ class RestState:
 
         inverse, area = material_coordinates(vertices, topology.faces)
         vertex_area = np.bincount(topology.faces.ravel(), np.repeat(area / 3.0, 3), minlength=len(vertices))
-        if (vertex_area <= 0.0).any():
-            raise ValueError(f"garment vertex {_first(vertex_area <= 0.0)} belongs to no triangle")
         inverse_mass = 1.0 / vertex_area
         inverse_mass[pinned] = 0.0
         ends = vertices[topology.edges]
@@ -98,7 +103,7 @@ class RestState:
 
 
 def material_coordinates(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse rest matrices [1/m], shape [F, 2, 2], and areas [m^2], shape [F].
+    """Inverse rest matrices [1/m], shape [F, 2, 2], and areas [m^2], shape [F], of triangles that are not degenerate.
 
     v (warp) is the vertical projected into the triangle, u (weft) is at right angles to it in the plane. A triangle
     that lies flat takes the front-back direction z for v, so that a horizontal sheet has one direction throughout.
@@ -113,12 +118,7 @@ def material_coordinates(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.nd
     rest = np.empty((len(faces), 2, 2))  # columns: the two rest edges in (u, v)
     rest[:, 0, 0], rest[:, 0, 1] = (d1 * u).sum(-1), (d2 * u).sum(-1)
     rest[:, 1, 0], rest[:, 1, 1] = (d1 * v).sum(-1), (d2 * v).sum(-1)
-    determinant = np.linalg.det(rest)
-    longest = np.maximum((d1**2).sum(-1), (d2**2).sum(-1))
-    flat = np.abs(determinant) < 1e-4 * longest
-    if flat.any():
-        raise ValueError(f"garment triangle {_first(flat)} is degenerate (area {determinant[flat][0] / 2:.3g} m^2)")
-    return np.linalg.inv(rest), 0.5 * np.abs(determinant)
+    return np.linalg.inv(rest), 0.5 * np.abs(np.linalg.det(rest))
 
 
 def isometric_hinge_weights(vertices: np.ndarray, hinges: np.ndarray) -> np.ndarray:
@@ -139,7 +139,3 @@ def isometric_hinge_weights(vertices: np.ndarray, hinges: np.ndarray) -> np.ndar
 def _cotangent(apex: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     a, b = first - apex, second - apex
     return (a * b).sum(-1) / np.linalg.norm(np.cross(a, b), axis=-1)
-
-
-def _first(mask: np.ndarray) -> int:
-    return int(np.argmax(mask))

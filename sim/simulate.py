@@ -98,7 +98,7 @@ class Simulator:
                 f"garment {template.name!r} was made for body {template.body_name!r} ({template.body_digest}), "
                 f"not for {body.name!r} ({body.digest})"
             )
-        self.rest = RestState.from_mesh(template.vertices, template.faces, template.pinned)
+        self.rest = RestState.from_mesh(template.vertices, template.faces, template.pinned, template.pieces)
         device = resolve_device(self.settings.device)
         if self.settings.contact == "own":
             parts = own_parts(
@@ -135,7 +135,7 @@ class Simulator:
         progress: Progress | None = None,
     ) -> SimulationResult:
         """Simulate one clip; arguments, result and errors as in :func:`simulate_clip`."""
-        pose, root = checked_motion(pose, root, lead_in, len(self.body.joints))
+        pose, root = checked_motion(pose, root, lead_in, self.body, self.settings.fps)
         check_parameters(parameters)
         settings, total = self.settings, len(pose)
         substeps = round(parameters["substeps"])

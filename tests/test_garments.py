@@ -240,12 +240,12 @@ def _changed(array: np.ndarray, at: object, value: float) -> np.ndarray:
 @pytest.mark.parametrize(
     ("field", "change", "text"),
     [
-        ("vertices", lambda a: _changed(a, (7, 1), np.nan), "'vertices' row 7 is not finite"),
+        ("vertices", lambda a: _changed(a, (7, 1), np.nan), "vertex 7 is not finite"),
         ("vertices", lambda a: a[:, :2], r"'vertices' must have shape \[V, 3\]"),
-        ("faces", lambda a: _changed(a, (0, 0), 300), r"'faces' must lie in 0..299, got 0..300"),
-        ("faces", lambda a: _changed(a, 3, a[3, [0, 0, 1]]), "face 3 is degenerate"),
-        ("faces", lambda a: np.vstack([a, a[:1]]), "has 3 faces: the mesh is not manifold"),
-        ("faces", lambda a: _changed(a, 0, a[0, ::-1]), "opposite orientation"),
+        ("faces", lambda a: _changed(a, (0, 0), 300), "triangle 0 has the corners .* outside the 300 vertices"),
+        ("faces", lambda a: _changed(a, 3, a[3, [0, 0, 1]]), "triangle 3 .* is degenerate"),
+        ("faces", lambda a: np.vstack([a, a[:1]]), "have the same corners"),
+        ("faces", lambda a: _changed(a, 0, a[0, ::-1]), "are wound against each other"),
         ("faces", lambda a: a.astype(float), "'faces' must hold whole numbers"),
         ("pinned", lambda a: np.append(a, 300), "'pinned' must lie in 0..299"),
         ("pinned", lambda a: np.append(a, a[0]), "'pinned' names a vertex twice"),

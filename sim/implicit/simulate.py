@@ -66,7 +66,7 @@ def simulate_clip_implicit(
         ValueError: Anything is wrong with the input.
     """
     settings = settings or ImplicitSettings()
-    pose, root = checked_motion(pose, root, lead_in, len(body.joints))
+    pose, root = checked_motion(pose, root, lead_in, body, settings.fps)
     check_parameters(parameters)
     if template.body_digest != body.digest:
         raise ValueError(
@@ -74,7 +74,7 @@ def simulate_clip_implicit(
             f"not for {body.name!r} ({body.digest})"
         )
     resolve_device("cpu")  # quiets Warp's banner
-    rest = RestState.from_mesh(template.vertices, template.faces, template.pinned)
+    rest = RestState.from_mesh(template.vertices, template.faces, template.pinned, template.pieces)
     pose, root = _resampled(pose, root, settings.contact_queries)
     surface = BodySurface(body.posed(pose, root), body.faces, _contact_parts(template, body, settings))
     transforms = body.joint_transforms(pose, root)
