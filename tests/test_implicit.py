@@ -12,6 +12,7 @@ from body.model import Body
 from garments.build import build_template
 from garments.spec import GarmentSpec
 from geometry.proximity import closest_surface
+from sim.body_contact import sag
 from sim.body_parts import whole_body
 from sim.compile import resolve_device
 from sim.implicit.body_surface import BodySurface
@@ -129,12 +130,40 @@ def test_free_fall_follows_the_discrete_formula(sheet):
     np.testing.assert_allclose(fallen[:, [0, 2]], 0.0, atol=1e-9)
 
 
-def test_drag_leads_to_the_terminal_speed(sheet):
-    parameters = base_parameters({"air_drag": 5.0, "density": 0.1})
-    cloth = ImplicitCloth(sheet, parameters, STEP, TIGHT)
+@pytest.mark.parametrize("drag_ratio", [0.0, 0.3])
+def test_drag_leads_to_the_terminal_speed_flat_and_edge_on(sheet, drag_ratio):
+    parameters = base_parameters({"air_drag": 5.0, "density": 0.1, "drag_ratio": drag_ratio})
+    flat = ImplicitCloth(sheet, parameters, STEP, TIGHT)
+    edge_on = RestState.from_mesh(upright(sheet.vertices), sheet.topology.faces)
+    falling = ImplicitCloth(edge_on, parameters, STEP, TIGHT)
     for _ in range(80):
+        flat.step()
+    for _ in range(300):
+        falling.step()
+    np.testing.assert_allclose(flat.velocities.numpy()[:, 1], -0.1 * 9.81 / 5.0, rtol=1e-4)
+    expected = -0.1 * 9.81 / 1.5 if drag_ratio else -9.81 * 300 * STEP  # nothing holds a sheet that cuts the air
+    np.testing.assert_allclose(falling.velocities.numpy()[:, 1], expected, rtol=1e-3)
+
+
+def test_wind_carries_the_sheet_away_at_its_own_speed(sheet):
+    """Blowing to +x onto a sheet that stands across it; the drag is implicit, whatever the step."""
+    across = RestState.from_mesh(upright(sheet.vertices)[:, [2, 1, 0]], sheet.topology.faces[:, ::-1])
+    parameters = base_parameters(
+        {"gravity": 0.0, "air_drag": 20.0, "density": 0.05, "wind_speed": 4.0, "wind_heading": np.pi / 2}
+    )
+    cloth = ImplicitCloth(across, parameters, 0.1, TIGHT)
+    speeds = []
+    for _ in range(4):
         cloth.step()
-    np.testing.assert_allclose(cloth.velocities.numpy()[:, 1], -0.1 * 9.81 / 5.0, rtol=1e-4)
+        speeds.append(cloth.velocities.numpy()[:, 0].mean())
+    decay = 1.0 / (1.0 + 0.1 * 20.0 / 0.05)  # of the difference to the wind, a step
+    np.testing.assert_allclose(speeds, 4.0 * (1.0 - decay ** np.arange(1, 5)), rtol=1e-6)
+    np.testing.assert_allclose(cloth.velocities.numpy()[:, 1:], 0.0, atol=1e-6)
+
+
+def test_creases_are_refused(sheet):
+    with pytest.raises(ValueError, match=r"bend_yield = 100: it forms no creases, allowed is 1e\+06 1/m"):
+        ImplicitCloth(sheet, base_parameters({"bend_yield": 100.0}), STEP, TIGHT)
 
 
 def test_momentum_is_conserved_without_outer_forces(sheet):
@@ -202,7 +231,9 @@ def incline(friction: float, degrees: float, steps: int = 40) -> tuple[float, fl
     angle = np.radians(degrees)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
     vertices, faces = lattice(5, 4, 0.05)
-    rest = RestState.from_mesh((vertices + [0.0, 0.003, 0.0]) @ turn.T, faces)
+    flat = RestState.from_mesh(vertices, faces)
+    lift = 0.003 + sag(flat.topology.edges, flat.edge_length, len(vertices)).max()
+    rest = RestState.from_mesh((vertices + [0.0, lift, 0.0]) @ turn.T, faces)
     ground = np.array([[-3.0, 0, -3], [-3, 0, 3], [3, 0, 3], [3, 0, -3]]) @ turn.T
     ground_faces = np.array([[0, 1, 2], [0, 2, 3]])
     surface = BodySurface(ground[None], ground_faces, whole_body(2, len(vertices)))
@@ -255,12 +286,14 @@ def test_projection_lifts_vertices_out_of_the_body():
     vertices, faces = lattice(5, 5, 0.02)
     vertices = vertices - vertices.mean(axis=0) + [0.0, 0.13, 0.0]
     surface = BodySurface(np.asarray(ball.vertices)[None], ball.faces, whole_body(len(ball.faces), len(vertices)))
-    cloth = ImplicitCloth(RestState.from_mesh(vertices, faces), base_parameters(), STEP, ImplicitSettings(), surface)
+    rest = RestState.from_mesh(vertices, faces)
+    cloth = ImplicitCloth(rest, base_parameters(), STEP, ImplicitSettings(), surface)
     report = cloth.project_out()
     assert report.lifted == len(vertices) and report.left == 0
     assert 0.01 < report.lifted_depth < 0.03
     hits = closest_surface(cloth.positions.numpy(), np.asarray(ball.vertices), np.asarray(ball.faces))
-    np.testing.assert_allclose(hits.distance, 0.003, atol=5e-4)
+    clearance = 0.003 + sag(rest.topology.edges, rest.edge_length, len(vertices))  # the same as XPBD keeps
+    np.testing.assert_allclose(hits.distance, clearance, atol=5e-4)
 
 
 def test_strain_limits_hold_a_limp_strip_together():

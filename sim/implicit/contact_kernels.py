@@ -107,7 +107,7 @@ def constrain(
     share_start: wp.float64,
     share_end: wp.float64,
     step: wp.float64,
-    thickness: wp.float64,
+    clearance: wp.array(dtype=wp.float64),
     friction: wp.float64,
     push_speed: wp.float64,
     stick_speed: wp.float64,
@@ -131,6 +131,7 @@ def constrain(
     v = velocities[i]
     held[i] = 0
     solution[i] = wp.vec3d()
+    thickness = clearance[i]
     k = pin[i]
     if k >= 0:
         target = (one - share_end) * pin_start[k] + share_end * pin_end[k]
@@ -244,12 +245,12 @@ def project(
     body: wp.array(dtype=wp.vec3d),
     body_normals: wp.array(dtype=wp.vec3d),
     pin: wp.array(dtype=wp.int32),
-    thickness: wp.float64,
+    clearance: wp.array(dtype=wp.float64),
     positions: wp.array(dtype=wp.vec3d),
     inside: wp.array(dtype=wp.int32),
     deepest: wp.array(dtype=wp.float64),
 ):
-    """Move vertices that are below the surface to the thickness above it; count them and note the deepest."""
+    """Move vertices that are below the surface to their clearance above it; count them and note the deepest."""
     i = wp.tid()
     if hit_face[i] < 0 or pin[i] >= 0:
         return
@@ -260,4 +261,4 @@ def project(
     if height < wp.float64(0.0):
         wp.atomic_add(inside, 0, 1)
         wp.atomic_max(deepest, 0, -height)
-        positions[i] = positions[i] + (thickness - height) * n
+        positions[i] = positions[i] + (clearance[i] - height) * n

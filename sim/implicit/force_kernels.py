@@ -121,13 +121,41 @@ def add_bending(
 
 @wp.kernel
 def add_body_forces(
+    positions: wp.array(dtype=wp.vec3d),
     velocities: wp.array(dtype=wp.vec3d),
     masses: wp.array(dtype=wp.float64),
-    drag: wp.array(dtype=wp.float64),
+    areas: wp.array(dtype=wp.float64),
+    first_corner: wp.array(dtype=wp.int32),
+    corners: wp.array(dtype=wp.vec2i),
+    diagonal: wp.array(dtype=wp.int32),
     gravity: wp.vec3d,
+    wind: wp.vec3d,
+    normal_drag: wp.float64,
+    tangential_drag: wp.float64,
+    extra_damping: wp.float64,
     step: wp.float64,
+    matrix: wp.array(dtype=wp.mat33d),
     right_side: wp.array(dtype=wp.vec3d),
 ):
-    """Weight and the drag of the still air: sets the right side, which the other kernels then add to."""
+    """Weight, drag of the air and extra damping: sets the right side, which the other kernels then add to.
+
+    The air pulls with ``-A [c_n (v_r . n) n + c_t (v_r - (v_r . n) n)]`` on a vertex of area A with the area-weighted
+    normal n, where v_r is its velocity against the wind. Implicit in the velocity; n is that of the step's start.
+    ``corners`` holds the other two vertices of each face around a vertex, in the face's order.
+    """
     i = wp.tid()
-    right_side[i] = step * (masses[i] * gravity - drag[i] * velocities[i])
+    x = positions[i]
+    n = wp.vec3d()
+    for c in range(first_corner[i], first_corner[i + 1]):
+        pair = corners[c]
+        n += wp.cross(positions[pair[0]] - x, positions[pair[1]] - x)
+    n = wp.normalize(n)
+    against = velocities[i] - wind
+    along = wp.dot(n, against) * n
+    drag = areas[i] * (normal_drag * along + tangential_drag * (against - along))
+    loss = extra_damping * masses[i]
+    right_side[i] = step * (masses[i] * gravity - drag - loss * velocities[i])
+    across = areas[i] * tangential_drag + loss
+    block = across * wp.identity(n=3, dtype=wp.float64)
+    block += (areas[i] * (normal_drag - tangential_drag)) * wp.outer(n, n)
+    matrix[diagonal[i]] += step * block

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
+from sim.body_contact import sag
 from sim.implicit.body_surface import BodySurface
 from sim.implicit.contact_kernels import advance, constrain, project
 from sim.implicit.energies import deformation_coefficients
@@ -21,7 +22,7 @@ from sim.implicit.force_kernels import add_bending, add_body_forces, add_membran
 from sim.implicit.linear_system import BlockSystem
 from sim.implicit.settings import ImplicitSettings
 from sim.implicit.strain_limits import limit_strain
-from sim.parameters import check_parameters
+from sim.parameters import check_parameters, parameter
 from sim.rest_state import RestState
 
 TIMED_PARTS = ("forces", "solve", "contact", "strain_limits", "other")
@@ -71,6 +72,12 @@ class ImplicitCloth:
             body: Moving body to collide with.
         """
         check_parameters(parameters)
+        never = parameter("bend_yield").allowed[1]
+        if parameters["bend_yield"] < never:
+            raise ValueError(
+                f"implicit solver: bend_yield = {parameters['bend_yield']:g}: it forms no creases, "
+                f"allowed is {never:g} 1/m (never)"
+            )
         if not step > 0.0:
             raise ValueError(f"implicit solver: the step must be above 0 s, got {step}")
         self.rest, self.parameters, self.step_seconds, self.settings = rest, dict(parameters), float(step), settings
@@ -95,8 +102,15 @@ class ImplicitCloth:
         self._along_u, self._along_v = (array(c, wp.vec3d) for c in deformation_coefficients(rest))
         self._areas = array(rest.area, wp.float64)
         self._hinge_weights = array(rest.hinge_weights, wp.vec4d)
-        self._drag = zeros(wp.float64)
+        self._vertex_areas = array(rest.vertex_area, wp.float64)
+        first_corner, corners = _corner_table(topology.faces, count)
+        self._first_corner, self._corners = array(first_corner, wp.int32), array(corners, wp.vec2i)
         self._gravity = wp.vec3d(0.0, -parameters["gravity"], 0.0)
+        heading, speed = parameters["wind_heading"], parameters["wind_speed"]
+        self._wind = wp.vec3d(speed * np.sin(heading), 0.0, speed * np.cos(heading))
+        self._extra_damping = 0.0
+        clearance = parameters["thickness"] + sag(topology.edges, rest.edge_length, count)
+        self._clearance, self._near = array(clearance, wp.float64), float(clearance.max())
 
         pin = np.full(count, -1, dtype=np.int32)
         pin[pinned] = np.arange(len(pinned))
@@ -113,25 +127,23 @@ class ImplicitCloth:
         self.system = BlockSystem(topology)
         self._face_blocks = array(self.system.block_indices(topology.faces), wp.int32)
         self._hinge_blocks = self.system.block_indices(rest.hinges)
-        self._base = zeros(wp.mat33d, len(self.system.matrix))
+        self._base = array(self._constant_matrix(), wp.mat33d)
         self.seconds = dict.fromkeys(TIMED_PARTS, 0.0)
         self.iterations = self.steps = 0
-        self.set_extra_damping(0.0)
 
     def set_extra_damping(self, rate: float) -> None:
-        """Damp all velocities at ``rate`` [1/s] besides the air drag, and rebuild the constant part of the matrix.
+        """Damp all velocities at ``rate`` [1/s] besides the drag of the air."""
+        self._extra_damping = float(rate)
 
-        The constant part is ``M + h D_drag + (h^2 + h tau_bend) K_bend``: isometric bending is quadratic.
-        """
+    def _constant_matrix(self) -> np.ndarray:
+        """``M + (h^2 + h tau_bend) K_bend`` by block, shape [N, 3, 3]: isometric bending is quadratic."""
         h = self.step_seconds
-        drag = self.parameters["air_drag"] * self.rest.vertex_area + rate * self._masses
-        self._drag.assign(drag)
         weights = self.rest.hinge_weights
         stiffness = (h * h + h * self.parameters["bend_damping"]) * self.parameters["bend"]
         bending = stiffness * weights[:, :, None] * weights[:, None, :]
-        entries = np.bincount(self._hinge_blocks.ravel(), bending.ravel(), len(self._base))
-        entries[self.system.diagonal.numpy()] += self._masses + h * drag
-        self._base.assign(entries[:, None, None] * np.eye(3))
+        entries = np.bincount(self._hinge_blocks.ravel(), bending.ravel(), len(self.system.matrix))
+        entries[self.system.diagonal.numpy()] += self._masses
+        return entries[:, None, None] * np.eye(3)
 
     def place(self, positions: np.ndarray, velocities: np.ndarray | None = None) -> None:
         """Put the garment somewhere: positions [m] and velocities [m/s] (None: at rest), shape [V, 3]."""
@@ -162,7 +174,7 @@ class ImplicitCloth:
                 self.step_seconds,
                 share_end,
                 self.settings.contact_radius,
-                self.parameters["thickness"],
+                self._near,
             )
         self._constrain(share_start, share_end)
         constrained = time.perf_counter()
@@ -186,8 +198,12 @@ class ImplicitCloth:
         self._launch(
             add_body_forces,
             system.count,
-            [self.velocities, self.masses, self._drag, self._gravity, h, system.right_side],
-        )
+            [
+                self.positions, self.velocities, self.masses, self._vertex_areas, self._first_corner, self._corners,
+                system.diagonal, self._gravity, self._wind, p["air_drag"], p["air_drag"] * p["drag_ratio"],
+                self._extra_damping, h, system.matrix, system.right_side,
+            ],
+        )  # fmt: skip
         self._launch(
             add_membrane,
             len(self._faces),
@@ -207,7 +223,7 @@ class ImplicitCloth:
         )  # fmt: skip
 
     def project_out(self) -> ProjectionReport:
-        """Lift vertices that ended a frame below the body's surface to the thickness above it."""
+        """Lift vertices that ended a frame below the body's surface to their clearance above it."""
         if self.body is None:
             return ProjectionReport(0, 0.0, 0, 0.0)
         begin = time.perf_counter()
@@ -219,16 +235,16 @@ class ImplicitCloth:
         return ProjectionReport(*passes[0], *passes[-1])
 
     def _project_once(self) -> tuple[int, float]:
-        body, thickness = self.body, self.parameters["thickness"]
-        body.query(self.positions, self.velocities, 0.0, 1.0, self.settings.contact_radius, thickness)
+        body, near = self.body, self._near
+        body.query(self.positions, self.velocities, 0.0, 1.0, self.settings.contact_radius, near)
         self._inside.zero_()
         self._deepest.zero_()
         self._launch(
             project,
             self.system.count,
             [
-                body.hit_face, body.hit_weights, body.faces, body.end, body.normal_end, self._pin, thickness,
-                self.positions, self._inside, self._deepest,
+                body.hit_face, body.hit_weights, body.faces, body.end, body.normal_end, self._pin,
+                self._clearance, self.positions, self._inside, self._deepest,
             ],
         )  # fmt: skip
         return int(self._inside.numpy()[0]), float(self._deepest.numpy()[0])
@@ -248,7 +264,7 @@ class ImplicitCloth:
             system.count,
             [
                 self.positions, self.velocities, self.masses, self._pin, self._pin_start, self._pin_end, *surface,
-                share_start, share_end, self.step_seconds, p["thickness"], p["friction"], settings.push_speed,
+                share_start, share_end, self.step_seconds, self._clearance, p["friction"], settings.push_speed,
                 settings.stick_speed, system.diagonal, self._state, self._normal_force, self._slip_speed,
                 self._starting_force, self._body_velocity, system.held, system.normals, system.solution,
                 system.matrix, system.right_side,
@@ -284,3 +300,11 @@ class ImplicitCloth:
 
     def _launch(self, kernel: wp.Kernel, dim: int, inputs: list) -> None:
         wp.launch(kernel, dim=dim, inputs=inputs, device="cpu")
+
+
+def _corner_table(faces: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:
+    """For each vertex the (next, last) vertices of its faces: offsets [V + 1] and pairs [3 F, 2]."""
+    pairs = np.stack([faces[:, [1, 2]], faces[:, [2, 0]], faces[:, [0, 1]]], axis=1).reshape(-1, 2)
+    order = np.argsort(faces.ravel(), kind="stable")
+    counts = np.bincount(faces.ravel(), minlength=vertex_count)
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int32), pairs[order].astype(np.int32)
