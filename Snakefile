@@ -13,6 +13,7 @@ include: "pipeline/rules/common.smk"
 include: "pipeline/rules/data.smk"
 include: "pipeline/rules/learn.smk"
 include: "pipeline/rules/evaluate.smk"
+include: "pipeline/rules/arcsim.smk"
 include: "pipeline/rules/report.smk"
 
 

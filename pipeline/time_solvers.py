@@ -2,7 +2,8 @@
 
 In: the template, a batch of motions and the trained models. Out: the garment's rows of the table ``timing``: the XPBD
 simulator and the implicit baseline on the same garment, body and clip; the networks' roads to the same frames (Shi
-2023, Table 2; Wang 2019, section 3.6); and the published figures of ARCSim, on other hardware. One thread throughout.
+2023, Table 2; Wang 2019, section 3.6); ARCSim itself on that clip where ``timing.arcsim.binary`` names the program;
+and its published figures, on other hardware. One thread throughout.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from motions.clip_file import read_clips
 from motions.lead_in import lead_in
 from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage
+from sim.arcsim.run import arcsim_rows, find_binary
+from sim.arcsim.scene import ArcsimSettings
 from sim.implicit.settings import ImplicitSettings
 from sim.parameters import base_parameters
 from sim.timing import PUBLISHED_ARCSIM, time_solvers
@@ -40,30 +43,28 @@ def main(job: Job) -> None:
     """Time the simulators, then the networks."""
     torch.set_num_threads(1)
     spec, timing = job.spec, job.spec["timing"]
+    binary = timing["arcsim"]["binary"]
+    if binary:
+        find_binary(binary)  # before time is spent
     template_path, motions_path, *models = job.inputs
     body, template = job_body(job), GarmentTemplate.load(template_path)
     clip = read_clips(motions_path)[0]
     lead_pose, lead_root = lead_in(clip, body, spec["lead_in"])
     pose, root = np.concatenate([lead_pose, clip.pose]), np.concatenate([lead_root, clip.root])
     implicit = ImplicitSettings(fps=spec["fps"], **timing["implicit"])
-    rows = time_solvers(
-        template,
-        body,
-        pose,
-        root,
-        spec["lead_in"],
-        base_parameters(spec["base"]),
-        timing["frames"],
-        implicit,
-        warm_up=timing["warmup"],
-    )
+    parameters = base_parameters(spec["base"])
+    timed = (template, body, pose, root, spec["lead_in"], parameters, timing["frames"])
+    rows = time_solvers(*timed, implicit, warm_up=timing["warmup"])
+    if binary:
+        settings = ArcsimSettings(spec["fps"], implicit.steps_per_frame, spec["settle"])
+        rows += arcsim_rows(binary, *timed, timing["warmup"], settings)
     baseline = next(row for row in rows if row["solver"].startswith("implicit"))["median_s_per_frame"]
     track = MotionTrack(pose, body.joint_positions(pose, root), spec["lead_in"], spec["fps"])
     rows += network_rows(template, body, clip, track, models, RefinementSettings(**spec["refinement"]))
     for row in rows:
         row["speed_up_over_implicit"] = baseline / row["median_s_per_frame"]
     measured = [{"garment": spec["garment"], "clip": clip.name} | row for row in rows]
-    published = [{"garment": spec["garment"], "clip": ""} | row for row in PUBLISHED_ARCSIM[template.kind]]
+    published = [{"garment": spec["garment"], "clip": ""} | row for row in PUBLISHED_ARCSIM.get(template.kind, ())]
     write_table(job.outputs[0], measured + published)
 
 
