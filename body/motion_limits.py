@@ -44,7 +44,7 @@ def check_speeds(
         fps: Frames per second [Hz].
         positions: World positions of the joints [m], shape [T, J, 3]; without them only the root and the local
             rotations are checked.
-        lead_in: Leading frames that are not counted: frame 0 of an error is the first one after them.
+        lead_in: Leading frames that do not count: frame 0 of an error is the first one after them.
 
     Raises:
         ValueError: The root or a joint is too fast, or jumps; the sentence names the joint, the frames and the limit.
@@ -53,6 +53,8 @@ def check_speeds(
         return
 
     def place(frame: int) -> str:
+        if frame < lead_in:
+            return f"frames {frame} and {frame + 1} of the lead-in"
         return f"frames {frame - lead_in} and {frame - lead_in + 1} ({(frame - lead_in) / fps:.2f} s)"
 
     root = np.asarray(root, dtype=np.float64)

@@ -23,7 +23,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import h5py
@@ -119,7 +120,7 @@ class ShardWriter:
 
     def add(self, sequence: SimulatedSequence) -> None:
         """Append a sequence; ``ValueError`` when its shapes do not fit the header or a number is not finite."""
-        self._check(sequence)
+        _check_sequence(sequence, len(self._header.template_vertices), self._header.parameter_names)
         group = self._file.create_group(f"sequences/{self._count:04d}")
         for name in _ARRAYS:
             array = np.asarray(getattr(sequence, name), dtype=np.float32)
@@ -135,20 +136,6 @@ class ShardWriter:
     def drop(self, dropped: DroppedSimulation) -> None:
         """Record a simulation that is missing from the shard, and why."""
         self._dropped.append(dropped)
-
-    def _check(self, sequence: SimulatedSequence) -> None:
-        frames, vertices = len(sequence.pose), len(self._header.template_vertices)
-        expected = {"vertices": (frames, vertices, 3), "pose": (frames, 24, 3), "root": (frames, 3)}
-        expected |= {"joints": (frames, 24, 3)}
-        for name, shape in expected.items():
-            got = np.shape(getattr(sequence, name))
-            if got != shape:
-                raise ValueError(f"sequence {sequence.clip}: {name} has shape {list(got)}, expected {list(shape)}")
-        for name in _ARRAYS:
-            if not np.isfinite(getattr(sequence, name)).all():
-                raise ValueError(f"sequence {sequence.clip}: {name} holds a number that is not finite")
-        if set(sequence.parameters) != set(self._header.parameter_names):
-            raise ValueError(f"sequence {sequence.clip}: parameters {sorted(sequence.parameters)} do not fit the shard")
 
     def _write_header(self) -> None:
         h, file = self._header, self._file
@@ -191,14 +178,15 @@ def read_quality(path: str | os.PathLike) -> list[dict[str, float | str]]:
 
 
 def read_sequences(path: str | os.PathLike) -> Iterator[SimulatedSequence]:
-    """The sequences of a shard, one at a time."""
+    """The sequences of a shard, one at a time; ``ValueError`` names the shard and the sequence that is damaged."""
     with _open(path) as file:
         names = [n.decode() for n in file["parameters/names"][:]]
+        count = len(file["garment/vertices"])
         for group in file["sequences"].values() if "sequences" in file else ():
             quality = {
                 k.removeprefix("quality_"): _plain(v) for k, v in group.attrs.items() if k.startswith("quality_")
             }
-            yield SimulatedSequence(
+            sequence = SimulatedSequence(
                 clip=group.attrs["clip"],
                 take=group.attrs["take"],
                 take_index=int(group.attrs["take_index"]),
@@ -208,6 +196,8 @@ def read_sequences(path: str | os.PathLike) -> Iterator[SimulatedSequence]:
                 quality=quality,
                 **{name: group[name][:] for name in _ARRAYS},
             )
+            _check_sequence(sequence, count, names)
+            yield sequence
 
 
 def _header(file: h5py.File) -> ShardHeader:
@@ -233,16 +223,41 @@ def _header(file: h5py.File) -> ShardHeader:
     )
 
 
-def _open(path: str | os.PathLike) -> h5py.File:
+@contextmanager
+def _open(path: str | os.PathLike) -> Iterator[h5py.File]:
+    """A shard for reading; whatever is missing from it or damaged in it ends as a ``ValueError`` that names it."""
     try:
-        file = h5py.File(path, "r")
+        with h5py.File(path, "r") as file:
+            found, version = file.attrs.get("format"), _plain(file.attrs.get("version"))
+            if found != FORMAT or version != VERSION:
+                raise ValueError(
+                    f"format {found!r}, version {version!r}; this program reads {FORMAT!r}, version {VERSION}"
+                )
+            yield file
     except OSError as error:
         raise ValueError(f"{path}: not a readable HDF5 file ({error})") from None
-    if file.attrs.get("format") != FORMAT or int(file.attrs.get("version", -1)) != VERSION:
-        found = f"format {file.attrs.get('format')!r}, version {_plain(file.attrs.get('version'))!r}"
-        file.close()
-        raise ValueError(f"{path}: {found}; this program reads {FORMAT!r}, version {VERSION}")
-    return file
+    except KeyError as error:
+        raise ValueError(f"{path}: the shard lacks a part ({error.args[0]})") from None
+    except (ValueError, TypeError, AttributeError, RuntimeError) as error:
+        # A part of another kind than expected, or bytes that cannot be decoded.
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _check_sequence(sequence: SimulatedSequence, vertices: int, names: Sequence[str]) -> None:
+    """Shapes that fit each other and the shard, finite numbers, the shard's parameters."""
+    frames, lead = len(sequence.pose), len(sequence.lead_pose)
+    expected = {"vertices": (frames, vertices, 3)}
+    for prefix, length in (("", frames), ("lead_", lead)):
+        expected |= {f"{prefix}pose": (length, 24, 3), f"{prefix}root": (length, 3), f"{prefix}joints": (length, 24, 3)}
+    for name, shape in expected.items():
+        got = np.shape(getattr(sequence, name))
+        if got != shape:
+            raise ValueError(f"sequence {sequence.clip}: {name} has shape {list(got)}, expected {list(shape)}")
+    for name in _ARRAYS:
+        if not np.isfinite(getattr(sequence, name)).all():
+            raise ValueError(f"sequence {sequence.clip}: {name} holds a number that is not finite")
+    if set(sequence.parameters) != set(names):
+        raise ValueError(f"sequence {sequence.clip}: parameters {sorted(sequence.parameters)} do not fit the shard")
 
 
 def _storage(array: np.ndarray) -> dict:

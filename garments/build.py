@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from garments.ease import smooth_step
 from garments.landmarks import Landmarks, find_landmarks
 from garments.pants import pants_surface
 from garments.quality import CLEARANCE, MeshQuality, assert_quality, measure_quality
 from garments.remesh import remesh
-from garments.skinning import garment_weights
+from garments.skinning import garment_weights, weight_reach
 from garments.skirt import skirt_surface
 from garments.spec import GarmentSpec
 from garments.surface import DenseSurface
@@ -24,12 +23,6 @@ from geometry.topology import MeshTopology
 
 if TYPE_CHECKING:
     from body.model import Body
-
-WEIGHT_REACH = 0.025
-"""Smoothing length of the skin weights [m]."""
-
-BETWEEN_LEGS_REACH = 0.09
-"""The same for a skirt below the crotch, where the nearest body point jumps from one leg to the other [m]."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +77,7 @@ def build_template(spec: GarmentSpec, body: Body) -> GarmentTemplate:
         raise ValueError(text if spec.name in text else f"garment '{spec.name}': {text}") from None
     vertices = _lifted(vertices, marks)
     held = _topmost_loop(vertices, faces) if kind.held_waist else np.zeros(0, dtype=np.int32)
-    reach = np.full(len(vertices), WEIGHT_REACH)
-    if spec.kind == "skirt":
-        reach += (BETWEEN_LEGS_REACH - WEIGHT_REACH) * smooth_step((marks.crotch + 0.15 - vertices[:, 1]) / 0.2)
+    reach = weight_reach(spec.kind, vertices, marks)
     index, weight = garment_weights(vertices, faces, held, body, marks, reach, kind.arms)
     vertices = vertices.astype(np.float32)
     assert_quality(spec.name, measure_quality(vertices, faces, marks.vertices, marks.faces), spec.vertices, kind.loops)

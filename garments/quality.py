@@ -96,6 +96,11 @@ def assert_quality(name: str, quality: MeshQuality, vertices: int, loops: int) -
 
 def crossing_pairs(vertices: np.ndarray, faces: np.ndarray) -> int:
     """Number of triangle pairs without a common vertex that cross each other."""
+    return len(crossing_triangles(vertices, faces))
+
+
+def crossing_triangles(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Pairs of triangles without a common vertex that cross each other, each pair and all of them sorted, [K, 2]."""
     corners = vertices[faces].astype(np.float64)
     centre = corners.mean(axis=1)
     radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
@@ -108,7 +113,8 @@ def crossing_pairs(vertices: np.ndarray, faces: np.ndarray) -> int:
         edge_of, triangle = corners[pairs[:, first]], corners[pairs[:, second]]
         for k in range(3):
             crossed |= _segments_cross(edge_of[:, k], edge_of[:, (k + 1) % 3], triangle)
-    return int(crossed.sum())
+    found = np.sort(pairs[crossed], axis=1)
+    return found[np.lexsort(found.T[::-1])]
 
 
 def _segments_cross(start: np.ndarray, end: np.ndarray, triangle: np.ndarray) -> np.ndarray:

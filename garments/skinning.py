@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from garments.ease import smooth_step
 from garments.landmarks import Landmarks
 from geometry.proximity import closest_surface
 from geometry.topology import MeshTopology, edge_lengths
@@ -23,6 +24,20 @@ if TYPE_CHECKING:
 
 JOINT_COUNT = 24
 WEIGHTS_PER_VERTEX = 4
+
+WEIGHT_REACH = 0.025
+"""Smoothing length of the skin weights [m]."""
+
+BETWEEN_LEGS_REACH = 0.09
+"""The same for a skirt below the crotch, where the nearest body point jumps from one leg to the other [m]."""
+
+
+def weight_reach(kind: str, vertices: np.ndarray, marks: Landmarks) -> np.ndarray:
+    """Smoothing length of the weights [m], shape [V], of a garment of that kind: far between the legs of a skirt."""
+    reach = np.full(len(vertices), WEIGHT_REACH)
+    if kind in ("skirt", "dress"):
+        reach += (BETWEEN_LEGS_REACH - WEIGHT_REACH) * smooth_step((marks.crotch + 0.15 - vertices[:, 1]) / 0.2)
+    return reach
 
 
 def garment_weights(

@@ -117,3 +117,67 @@ class GarmentSpec:
         if value is None:
             raise ValueError(f"garment '{self.name}': '{field}' is neither given nor known from the body")
         return float(value)
+
+
+@dataclass(frozen=True)
+class Worn:
+    """How a garment of some kind is worn.
+
+    Attributes:
+        held: What is held to the body unless the user says otherwise, one of ``HELD``.
+        arms: Whether it is worn on the arms.
+    """
+
+    held: str
+    arms: bool
+
+
+WORN_AS = {
+    "skirt": Worn("top", arms=False),
+    "pants": Worn("top", arms=False),
+    "tshirt": Worn("none", arms=True),
+    "dress": Worn("none", arms=True),
+}
+"""What a user's own mesh can be worn as. A skirt and a dress hang around both legs at once."""
+
+HELD = ("none", "top", "waist")
+"""Held to the body: nothing, the vertices of the topmost opening, or those of a band at the natural waist."""
+
+SCALES = (1.0e-4, 1.0e3)
+"""Limits of the length of one unit of a mesh file [m]."""
+
+
+@dataclass(frozen=True)
+class MeshGarmentSpec:
+    """A garment from a user's mesh file, modelled on the body in its bind pose.
+
+    Attributes:
+        name: Name of the garment in files and tables.
+        file: OBJ, PLY or binary glTF file.
+        worn_as: One of ``WORN_AS``.
+        scale: Length of one unit of the file [m]: 0.01 for centimetres.
+        held: One of ``HELD``; None takes what ``worn_as`` says.
+
+    Raises:
+        ValueError: with one sentence that names the field and what is allowed.
+    """
+
+    name: str
+    file: str
+    worn_as: str
+    scale: float = 1.0
+    held: str | None = None
+
+    def __post_init__(self) -> None:
+        where = f"garment '{self.name}'"
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise ValueError("garment: 'name' must be a non-empty text")
+        if self.worn_as not in WORN_AS:
+            raise ValueError(f"{where}: 'worn_as' must be one of {', '.join(WORN_AS)}, got {self.worn_as!r}")
+        if self.held is None:
+            object.__setattr__(self, "held", WORN_AS[self.worn_as].held)
+        if self.held not in HELD:
+            raise ValueError(f"{where}: 'held' must be one of {', '.join(HELD)}, got {self.held!r}")
+        number = isinstance(self.scale, (int, float)) and not isinstance(self.scale, bool)
+        if not number or not SCALES[0] <= self.scale <= SCALES[1]:
+            raise ValueError(f"{where}: 'scale' must lie in {SCALES[0]:g}..{SCALES[1]:g} m, got {self.scale!r}")

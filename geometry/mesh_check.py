@@ -36,7 +36,7 @@ def check_mesh(what: str, vertices: np.ndarray, faces: np.ndarray, pieces: int =
             joins separate parts, vertices at one place, or too many pieces.
     """
     vertices, faces = np.asarray(vertices), np.asarray(faces)
-    _check_arrays(what, vertices, faces)
+    check_arrays(what, vertices, faces)
     vertices = vertices.astype(np.float64)
     _check_triangles(what, vertices, faces)
     edge_of, first_of, owner = _check_edges(what, faces, len(vertices))
@@ -45,7 +45,8 @@ def check_mesh(what: str, vertices: np.ndarray, faces: np.ndarray, pieces: int =
     _check_pieces(what, faces, len(vertices), pieces)
 
 
-def _check_arrays(what: str, vertices: np.ndarray, faces: np.ndarray) -> None:
+def check_arrays(what: str, vertices: np.ndarray, faces: np.ndarray) -> None:
+    """The first part of :func:`check_mesh`: shapes, types, finite values and the range of the indices."""
     for name, array, letter, kinds, values in (
         ("vertices", vertices, "V", "iuf", "numbers"),
         ("triangles", faces, "F", "iu", "whole numbers"),

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from body.model import Body
+from body.motion_limits import check_speeds
 from motions.bvh import read_bvh, read_bvh_length
 from motions.clip import Clip
 from motions.retarget import retarget, turn_to_front
@@ -41,10 +42,11 @@ class Take:
         Every clip starts over the origin and faces +z; its height over the ground is that of the whole take.
 
         Raises:
-            ValueError: The file is malformed or of an unknown rig; the sentence names the file.
+            ValueError: The file is malformed, of an unknown rig, or its motion teleports; the sentence names the file.
         """
         try:
             pose, root = retarget(read_bvh(self.path), body, fps)
+            check_speeds("the recording", pose, root, fps, body.joint_positions(pose, root))
             starts = range(0, len(pose) - frames + 1, frames)
             return [self._cut(pose, root, start, frames, fps, body) for start in starts]
         except ValueError as error:

@@ -93,4 +93,7 @@ def _read_clip(group: h5py.Group, where: str) -> Clip:
         raise ValueError(f"{where}: attribute '{missing[0]}' is missing")
     texts = {field: str(group.attrs[field]) for field in ("name", "take", "label", "source")}
     arrays = {field: np.asarray(group[field][()], dtype=np.float32) for field in ("pose", "root")}
-    return Clip(fps=float(group.attrs["fps"]), **texts, **arrays)
+    try:
+        return Clip(fps=float(group.attrs["fps"]), **texts, **arrays)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None

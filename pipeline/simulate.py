@@ -16,12 +16,11 @@ from body.model import Body
 from datasets.shards import DroppedSimulation, ShardHeader, ShardWriter, SimulatedSequence
 from garments.template import GarmentTemplate
 from motions.clip import Clip
-from motions.clip_file import read_clips
-from motions.lead_in import lead_in
 from pipeline.canonical import canonical
 from pipeline.progress import Progress
+from pipeline.simulation_inputs import checked_inputs, naming
 from pipeline.stage import Job, run_stage
-from sim.parameters import INTRINSIC_PARAMETERS, base_parameters, sample_parameters
+from sim.parameters import INTRINSIC_PARAMETERS
 from sim.result import SimulationResult
 from sim.settings import SimulationSettings
 from sim.simulate import SOLVER_VERSION, Simulator
@@ -30,22 +29,20 @@ from sim.simulate import SOLVER_VERSION, Simulator
 def main(job: Job) -> None:
     """Simulate every pair of the shard and write what holds."""
     spec = job.spec
-    body = Body.load(spec["body"]["resolution"]).shaped(spec["body"]["shape"])
-    template = GarmentTemplate.load(job.inputs[0])
-    clips = {clip.name: clip for path in job.inputs[1:] for clip in read_clips(path)}
+    inputs = checked_inputs(job)
+    body, template, clips = inputs.body, inputs.template, inputs.clips
     solver = spec["solver"]
     settings = SimulationSettings(fps=spec["fps"], device=job.device, settle_seconds=solver["settle"])
-    simulator = Simulator(template, body, settings)
-    base = base_parameters(spec["base"])
-    ranges = {name: tuple(ends) for name, ends in spec.get("ranges", {}).items()}
+    with naming(job.inputs[0]):
+        simulator = Simulator(template, body, settings)
 
     frames = sum(clips[name].frames + spec["lead_in"] for _, name, _ in spec["simulations"])
     progress = Progress(f"simulate {spec['garment']} {spec['plan']}", frames, "frames")
     with ShardWriter(job.outputs[0], _header(spec, template, body)) as shard:
         for phi, clip_name, take_index in spec["simulations"]:
             clip = clips[clip_name]
-            parameters = sample_parameters(base, ranges, spec["seed"], spec["garment"], phi)
-            lead_pose, lead_root = lead_in(clip, body, spec["lead_in"])
+            parameters = inputs.parameters[phi]
+            lead_pose, lead_root = inputs.leads[clip_name]
             result, used, attempts = simulate_within_bounds(simulator, clip, lead_pose, lead_root, parameters, solver)
             if result.failure is not None:
                 print(f"[simulate] dropped {spec['garment']} set {phi} on {clip_name}: {result.failure}", flush=True)

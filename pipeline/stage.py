@@ -37,7 +37,10 @@ class Job:
 
 
 def run_stage(main: Callable[[Job], None]) -> None:
-    """Parse the command line, run the stage, report time and memory; exit 1 with one sentence on a ``ValueError``."""
+    """Parse the command line, run the stage, report time and memory.
+
+    A wrong value or a file that is missing or cannot be read ends with exit code 1 and one sentence.
+    """
     stage = os.path.basename(sys.argv[0]).removesuffix(".py")
     parser = argparse.ArgumentParser(prog=f"python -m pipeline.{stage}", description=sys.modules["__main__"].__doc__)
     parser.add_argument("--spec", required=True, help="canonical JSON that determines the outputs")
@@ -48,10 +51,17 @@ def run_stage(main: Callable[[Job], None]) -> None:
     options = parser.parse_args()
     start = time.monotonic()
     try:
-        main(Job(json.loads(options.spec), options.inputs, options.out, options.device, options.threads))
-    except ValueError as error:
+        main(Job(_parsed(options.spec), options.inputs, options.out, options.device, options.threads))
+    except (ValueError, OSError) as error:
         if os.environ.get("DRAPELINE_TRACEBACK"):
             raise
         sys.exit(f"[{stage}] error: {error} (set DRAPELINE_TRACEBACK=1 for where it was raised)")
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(f"[{stage}] done in {time.monotonic() - start:.1f} s, peak memory {peak:.2f} GB", file=sys.stderr, flush=True)
+
+
+def _parsed(spec: str) -> dict:
+    try:
+        return json.loads(spec)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"--spec is not JSON: {error}") from None
