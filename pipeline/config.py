@@ -16,8 +16,8 @@ from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError, best_match
 
 from garments.spec import MEASURES, VERTEX_LIMITS
-from sim.fabrics import FABRICS
-from sim.parameters import PARAMETER_NAMES, parameter
+from sim.fabrics import FABRICS, base_values
+from sim.parameters import PARAMETER_NAMES, base_parameters, parameter
 
 SCHEMA_FILE = Path(__file__).resolve().parent.parent / "configs" / "schema.yaml"
 
@@ -93,6 +93,7 @@ def check_config(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
         _refuse_schema_error(error, layers)
     _check_parameters(config, layers)
     _check_garments(config, layers)
+    _check_ranges(config, layers)
     _check_motions(config, layers)
     _check_data(config, layers)
     _check_models(config, layers)
@@ -106,12 +107,15 @@ def _check_parameters(config: Mapping[str, Any], layers: Sequence[Layer]) -> Non
         for name, value in settings.get("base", {}).items():
             _check_parameter((*place, "base", name), name, value, layers)
         for name, bounds in settings.get("ranges", {}).items():
-            key = (*place, "ranges", name)
-            for end in ("min", "max"):
-                _check_parameter((*key, end), name, bounds[end], layers)
-            if bounds["min"] > bounds["max"]:
-                found = f"min {bounds['min']:g} is above max {bounds['max']:g}"
-                raise _error(layers, key, found, "min must not be above max")
+            _check_interval((*place, "ranges", name), name, bounds, layers)
+
+
+def _check_interval(key: tuple, name: str, bounds: Mapping[str, float], layers: Sequence[Layer]) -> None:
+    for end in ("min", "max"):
+        _check_parameter((*key, end), name, bounds[end], layers)
+    if bounds["min"] > bounds["max"]:
+        found = f"min {bounds['min']:g} is above max {bounds['max']:g}"
+        raise _error(layers, key, found, "min must not be above max")
 
 
 def _check_fabric(key: tuple, name: str, layers: Sequence[Layer]) -> None:
@@ -122,16 +126,20 @@ def _check_fabric(key: tuple, name: str, layers: Sequence[Layer]) -> None:
 
 
 def _check_parameter(key: tuple, name: str, value: float, layers: Sequence[Layer]) -> None:
-    if name not in PARAMETER_NAMES:
-        close = difflib.get_close_matches(name, PARAMETER_NAMES, 1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
-        raise _error(layers, key, f"unknown parameter {name!r}{hint}", f"allowed are {', '.join(PARAMETER_NAMES)}")
+    _check_name(key, name, layers)
     p = parameter(name)
     low, high = p.allowed
     if not low <= value <= high:
         raise _error(layers, key, f"found {value:g}", f"allowed are {low:g} to {high:g} {_unit(p.unit)}")
     if p.integer and value != int(value):
         raise _error(layers, key, f"found {value:g}", "allowed are whole numbers")
+
+
+def _check_name(key: tuple, name: str, layers: Sequence[Layer]) -> None:
+    if name not in PARAMETER_NAMES:
+        close = difflib.get_close_matches(name, PARAMETER_NAMES, 1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        raise _error(layers, key, f"unknown parameter {name!r}{hint}", f"allowed are {', '.join(PARAMETER_NAMES)}")
 
 
 def _check_garments(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
@@ -152,6 +160,25 @@ def _check_garments(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
                 unit = {"vertices": "vertices", "flare": "m/m"}.get(measure, "m")
                 found = f"found {settings[measure]:g}"
                 raise _error(layers, (*place, measure), found, f"allowed are {low:g} to {high:g} {unit} for a {kind}")
+
+
+def _check_ranges(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
+    search = config["ranges"]
+    for key in ("parameters", "free", "limits"):
+        for name in search[key]:
+            _check_name(("ranges", key, name), name, layers)
+    for name in search["free"]:
+        if name in search["parameters"]:
+            key = ("ranges", "free", name)
+            raise _error(layers, key, "the parameter is searched too", "it may stand in one of the two lists")
+    for name, ends in search["limits"].items():
+        key = ("ranges", "limits", name)
+        _check_interval(key, name, ends, layers)
+        for garment, settings in config["garments"].items():
+            value = base_parameters(base_values(settings))[name]
+            if name in search["parameters"] and not ends["min"] <= value <= ends["max"]:
+                found = f"found {ends['min']:g} to {ends['max']:g}"
+                raise _error(layers, key, found, f"the base value {value:g} of {garment} must lie between")
 
 
 def _check_motions(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:

@@ -59,6 +59,22 @@ def simulate_spec(config: Config, garment: str, shard: str) -> str:
     return canonical(spec)
 
 
+def ranges_spec(config: Config, garment: str) -> str:
+    """A search of ranges: the material around which it goes, and how it goes."""
+    return canonical(
+        {
+            "garment": garment,
+            "seed": config["seed"],
+            "body": config["body"],
+            "base": base_values(config["garments"][garment]),
+            "fps": config["motions"]["fps"],
+            "lead_in": config["motions"]["lead_in"],
+            "settle": config["simulation"]["settle"],
+            "ranges": config["ranges"],
+        }
+    )
+
+
 def train_spec(config: Config, model: str, garment: str = "", variant: str = "") -> str:
     """A trained variant of a garment's model, or a model of the motions where no garment is named."""
     settings = dict(config["models"][model])

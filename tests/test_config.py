@@ -78,6 +78,18 @@ CASES = {
         "garments: {skirt: {base: {densty: 0.1}}}",
         ["mine.yaml: garments.skirt.base.densty: unknown parameter 'densty' (did you mean 'density'?)"],
     ),
+    "unknown parameter to search": (
+        "ranges: {parameters: [strech]}",
+        ["mine.yaml: ranges.parameters.strech: unknown parameter 'strech' (did you mean 'stretch'?); allowed are"],
+    ),
+    "limits of the search outside the physical ones": (
+        "ranges: {limits: {density: {min: 0.1, max: 5.0}}}",
+        ["mine.yaml: ranges.limits.density.max: found 5; allowed are 0.01 to 2 kg/m^2"],
+    ),
+    "limits of the search beside the base": (
+        "ranges: {limits: {substeps: {min: 30, max: 40}}}",
+        ["mine.yaml: ranges.limits.substeps: found 30 to 40; the base value 24 of skirt must lie between"],
+    ),
     "half a substep": (
         "garments: {skirt: {base: {substeps: 20.5}}}",
         ["garments.skirt.base.substeps: found 20.5; allowed are whole numbers"],
