@@ -7,7 +7,8 @@ import importlib
 
 import warp as wp
 
-_XPBD = tuple(f"sim.kernels.{name}" for name in ("membrane", "bending", "integrate", "contact"))
+_GENERIC = tuple(f"sim.kernels.{name}" for name in ("membrane", "bending", "integrate", "contact", "query", "strain"))
+_PACKED = "sim.kernels.packed_membrane"
 _IMPLICIT = tuple(
     f"sim.implicit.{name}" for name in ("force_kernels", "linear_system", "contact_kernels", "strain_limits")
 )
@@ -38,8 +39,11 @@ def compile_kernels(device: str = "auto") -> str:
 
 def load_kernels(warp_device: str) -> None:
     """Have the simulator's modules ready on a Warp device, because a graph that is being recorded can load none."""
-    for name in _XPBD:
-        wp.load_module(importlib.import_module(name), device=warp_device)
+    modules = [importlib.import_module(name) for name in _GENERIC]
+    if warp_device == "cpu":
+        modules.append(importlib.import_module(_PACKED))
+    for module in modules:
+        wp.load_module(module, device=warp_device)
 
 
 def _quiet() -> None:

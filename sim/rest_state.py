@@ -41,6 +41,8 @@ class RestState:
         hinges: Vertices ``(i, j, k, l)`` of each hinge, shape [H, 4].
         hinge_weights: Cotangent weights ``K / sqrt(A0 + A1)`` [1/m], shape [H, 4], so that the bending energy is
             ``k/2 |sum_i weight_i x_i|^2``.
+        hinge_curvature: The length of ``sum_i weight_i x_i`` of a hinge bent to a curvature of 1/m across its edge [m],
+            shape [H].
         edge_length: Rest lengths of the edges [m], shape [E].
     """
 
@@ -53,6 +55,7 @@ class RestState:
     inverse_mass: np.ndarray
     hinges: np.ndarray
     hinge_weights: np.ndarray
+    hinge_curvature: np.ndarray
     edge_length: np.ndarray
 
     @classmethod
@@ -92,6 +95,9 @@ class RestState:
             inverse_mass=inverse_mass,
             hinges=topology.hinges,
             hinge_weights=isometric_hinge_weights(vertices, topology.hinges),
+            # An angle t over an edge e gives the length e t / sqrt(A0 + A1), and the curvature t over the distance
+            # 2 (A0 + A1) / (3 e) between the middles of the wings.
+            hinge_curvature=np.sqrt(_wing_areas(vertices, topology.hinges)) * (2.0 / 3.0),
             edge_length=np.linalg.norm(ends[:, 0] - ends[:, 1], axis=-1),
         )
 
@@ -131,9 +137,14 @@ def isometric_hinge_weights(vertices: np.ndarray, hinges: np.ndarray) -> np.ndar
     cot_ik, cot_jk = _cotangent(xi, xj, xk), _cotangent(xj, xi, xk)  # at i and j, in the first triangle
     cot_il, cot_jl = _cotangent(xi, xj, xl), _cotangent(xj, xi, xl)  # in the second triangle
     weights = np.stack([cot_jk + cot_jl, cot_ik + cot_il, -cot_ik - cot_jk, -cot_il - cot_jl], axis=1)
+    return weights / np.sqrt(_wing_areas(vertices, hinges))[:, None]
+
+
+def _wing_areas(vertices: np.ndarray, hinges: np.ndarray) -> np.ndarray:
+    """Area of the two triangles of each hinge [m^2], shape [H]."""
+    xi, xj, xk, xl = (vertices[hinges[:, c]] for c in range(4))
     area = 0.5 * np.linalg.norm(np.cross(xj - xi, xk - xi), axis=-1)
-    area += 0.5 * np.linalg.norm(np.cross(xj - xi, xl - xi), axis=-1)
-    return weights / np.sqrt(area)[:, None]
+    return area + 0.5 * np.linalg.norm(np.cross(xj - xi, xl - xi), axis=-1)
 
 
 def _cotangent(apex: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:

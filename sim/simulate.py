@@ -1,20 +1,20 @@
-"""One clip of a garment on a moving body: settle, lead-in, recorded frames, quality figures.
+"""Clips of a garment on a moving body: settle, lead-in, recorded frames, quality figures; one world or many at once.
 
 In: a garment template, its body, poses [L + T, 24, 3] and roots [L + T, 3] whose first L frames lead from the bind pose
-into the clip, intrinsic parameters, settings. Out: a ``SimulationResult`` with the T recorded frames.
+into the clip, intrinsic parameters, settings. Out: a ``SimulationResult`` with the T recorded frames of each world.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geometry.rotations import slerp_poses
-from sim.body_contact import BodyContact, Skeleton, Skin, sag
+from sim.body_contact import BodyContact, sag
+from sim.body_motion import PELVIS, moved, pelvis_positions, query_times, transforms_at
 from sim.body_parts import own_parts, whole_body
 from sim.compile import resolve_device
 from sim.motion import checked_motion
@@ -22,16 +22,32 @@ from sim.parameters import PARAMETER_NAMES, base_parameters, check_parameters
 from sim.rest_state import RestState
 from sim.result import SimulationResult
 from sim.settings import SimulationSettings
+from sim.skeleton import Skeleton, Skin
+from sim.strain_meter import StrainMeter
 from sim.xpbd import SOLVER_VERSION, XpbdSolver, even_split
 
 if TYPE_CHECKING:
     from body.model import Body
     from garments.template import GarmentTemplate
 
-__all__ = ["SOLVER_VERSION", "SimulationSettings", "Simulator", "simulate_clip"]
+__all__ = ["SOLVER_VERSION", "SimulationSettings", "Simulator", "World", "simulate_clip"]
 
-_PELVIS = 0
 Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class World:
+    """One of the simulations that a simulator runs at once: a motion and a parameter set.
+
+    Attributes:
+        pose: Axis-angle poses [rad], shape [L + T, 24, 3]; the first one is the bind pose.
+        root: Root translations [m], shape [L + T, 3].
+        parameters: Every intrinsic parameter by name.
+    """
+
+    pose: np.ndarray
+    root: np.ndarray
+    parameters: Mapping[str, float]
 
 
 def simulate_clip(
@@ -70,12 +86,13 @@ def simulate_clip(
 
 @dataclass(frozen=True)
 class _Rested:
-    """A garment at rest on the bind-pose body under one parameter set: world state and what speed was left [m/s]."""
+    """The garments at rest on the bind-pose body: world state, and what speed was left [m/s], shape [W]."""
 
-    key: tuple[float, ...]
+    key: tuple[tuple[float, ...], ...]
     positions: np.ndarray
     velocities: np.ndarray
-    speed: float
+    crease: np.ndarray
+    speed: np.ndarray
 
 
 class Simulator:
@@ -85,14 +102,29 @@ class Simulator:
     simulator is new or has run others before.
     """
 
-    def __init__(self, template: GarmentTemplate, body: Body, settings: SimulationSettings | None = None):
+    def __init__(
+        self,
+        template: GarmentTemplate,
+        body: Body,
+        settings: SimulationSettings | None = None,
+        worlds: int = 1,
+        own_motions: bool = False,
+    ):
         """Check the template against the body and copy both to the device.
+
+        Args:
+            template: Garment made for this body.
+            body: Body, in the shape that the template was made for.
+            settings: Frame rate, device, contact and settling; defaults where None.
+            worlds: Number of simulations at once, 1 or 16: one a SIMD lane.
+            own_motions: Whether every world has a motion of its own. Worlds that share one also share the search for
+                contacts, and are faster.
 
         Raises:
             ValueError: The template was made for another body, its mesh is broken, or it lies inside the body.
         """
         self.settings = settings or SimulationSettings()
-        self.body, self.template = body, template
+        self.body, self.template, self.worlds = body, template, worlds
         if template.body_digest != body.digest:
             raise ValueError(
                 f"garment {template.name!r} was made for body {template.body_name!r} ({template.body_digest}), "
@@ -100,29 +132,15 @@ class Simulator:
             )
         self.rest = RestState.from_mesh(template.vertices, template.faces, template.pinned, template.pieces)
         device = resolve_device(self.settings.device)
-        if self.settings.contact == "own":
-            parts = own_parts(
-                template.kind, body.faces, body.skin_index, body.skin_weight, template.skin_index, template.skin_weight
-            )
-        else:
-            parts = whole_body(len(body.faces), len(template.vertices))
-        skeleton = Skeleton(len(body.joints), body.joints[_PELVIS], device)
-        self.contact = BodyContact(
-            body.vertices,
-            body.faces,
-            body.skin_index,
-            body.skin_weight,
-            parts,
-            sag(self.rest.topology.edges, self.rest.edge_length, len(template.vertices)),
-            skeleton,
-            self.settings.reach,
-            device,
-        )
+        lane_motion = np.arange(worlds) if own_motions else np.zeros(worlds, dtype=np.int32)
+        skeleton = Skeleton(len(body.joints), body.joints[PELVIS], lane_motion, device)
+        self.contact = self._body_contact(skeleton, device)
         pinned = self.rest.pinned
         bind_pins = self.rest.vertices[pinned] - skeleton.centre
-        pins = Skin(bind_pins, template.skin_index[pinned], template.skin_weight[pinned], device)
+        skin = (template.skin_index[pinned], template.skin_weight[pinned])
+        pins = Skin(bind_pins, *skin, skeleton.motions, device)
         self.solver = XpbdSolver(self.rest, skeleton, self.contact, pins, device)
-        self._shortest_absurd = (1.0 + self.settings.absurd_strain) * self.rest.edge_length.min()
+        self.strain = StrainMeter(self.rest, worlds, device)
         self._rested: _Rested | None = None
         self._check_start()
 
@@ -135,122 +153,200 @@ class Simulator:
         progress: Progress | None = None,
     ) -> SimulationResult:
         """Simulate one clip; arguments, result and errors as in :func:`simulate_clip`."""
-        pose, root = checked_motion(pose, root, lead_in, self.body, self.settings.fps)
-        check_parameters(parameters)
-        settings, total = self.settings, len(pose)
-        substeps = round(parameters["substeps"])
+        return self.run_worlds([World(pose, root, parameters)], lead_in, progress)[0]
+
+    def run_worlds(
+        self, worlds: Sequence[World], lead_in: int, progress: Progress | None = None
+    ) -> list[SimulationResult]:
+        """Simulate up to as many worlds as the simulator has, side by side.
+
+        Args:
+            worlds: Motions of one length, the same one for all unless every world has its own; parameter sets with the
+                same number of substeps. Lanes that are left over repeat the first world.
+            lead_in: Number L of leading frames that are simulated but not recorded.
+            progress: Called after each frame with (frames done, frames in all).
+
+        Returns:
+            The result of each world, as of :func:`simulate_clip`. ``frame_seconds`` and ``timing`` are those of all
+            worlds together.
+
+        Raises:
+            ValueError: Anything is wrong with the input: found before time is spent.
+        """
+        settings, solver = self.settings, self.solver
+        lanes = self._lanes(worlds)
+        motions = [checked_motion(w.pose, w.root, lead_in, self.body, settings.fps) for w in self._motions(lanes)]
+        parameters = [world.parameters for world in lanes]
+        total, substeps = len(motions[0][0]), _shared_substeps(parameters)
         counts = even_split(substeps, settings.queries_per_frame)
-        transforms = _transforms_at(self.body, pose, root, query_times(total, counts))
-        origins = _moved(transforms[:, _PELVIS], self.body.joints[_PELVIS])
+        times = query_times(total, counts)
+        transforms = np.stack([transforms_at(self.body, *motion, times) for motion in motions], axis=1)
+        origins = pelvis_positions(self.body, transforms)
 
         started = time.perf_counter()
         rested = self._settle(parameters, counts)
         settle_seconds = time.perf_counter() - started
         self._set_parameters(parameters, 0.0)
-        self.solver.place(*self._carried(rested, transforms[0]), transforms[0], origins[0])
+        solver.place(*self._carried(rested, transforms[0]), transforms[0], origins[0], crease=rested.crease)
+        self.strain.reset()
 
-        recorded = np.empty((total - lead_in, self.solver.count, 3), dtype=np.float32)
+        recorded = np.empty((self.worlds, total - lead_in, solver.count, 3), dtype=np.float32)
         seconds = np.zeros(total)
-        inside, deepest, failure = 0, 0.0, None
+        inside, deepest = np.zeros(self.worlds, dtype=int), np.zeros(self.worlds)
+        failures: list[str | None] = [None] * self.worlds
         query = 0
         for frame in range(total):
             begun = time.perf_counter()
             if frame > 0:
                 for count in counts:
                     query += 1
-                    self.solver.advance(count, transforms[query], origins[query])
+                    solver.advance(count, transforms[query], origins[query])
             index = frame - lead_in
-            failure = self._divergence(index)
-            if failure is not None:
-                # Frames that were not reached repeat the last good one.
-                recorded[max(index, 0) :] = recorded[index - 1] if index > 0 else self.rest.vertices
-                break
+            self._retire_diverged(index, failures)
             if index >= 0:
-                recorded[index] = self.solver.positions()
-                depth = -self.contact.distance.numpy()
-                inside, deepest = max(inside, int((depth > 0.0).sum())), max(deepest, float(depth.max(initial=0.0)))
+                recorded[:, index] = solver.positions()
+                depth = -self.contact.distances()
+                inside = np.maximum(inside, (depth > 0.0).sum(axis=1))
+                deepest = np.maximum(deepest, depth.max(axis=1, initial=0.0))
+                for lane, failure in enumerate(failures):
+                    if failure is not None:  # repeat the last good frame
+                        recorded[lane, index] = recorded[lane, index - 1] if index else self.rest.vertices
             seconds[frame] = time.perf_counter() - begun
             if progress is not None:
                 progress(frame + 1, total)
+            if all(failures[: len(worlds)]):
+                recorded[:, max(index, 0) + 1 :] = recorded[:, max(index, 0), None]
+                if index < 0:
+                    recorded[:] = self.rest.vertices
+                break
 
-        strain = np.abs(self.rest.edge_strain(recorded))
-        quality = {
-            "max_edge_strain": float(strain.max()),
-            "p99_edge_strain": float(np.quantile(strain, 0.99)),
-            "deepest_penetration_m": deepest,
-            "vertices_inside": float(inside),
-            "residual_speed_m_s": rested.speed,
-            "substeps": float(substeps),
-            "seconds_per_frame": float(seconds[lead_in:].mean()),
-        }
+        p99 = self.strain.percentile(0.99)
         timing = {"settle": settle_seconds, "lead_in": float(seconds[:lead_in].sum())}
         timing["frames"] = float(seconds[lead_in:].sum())
-        return SimulationResult(recorded, quality, failure, timing, seconds[lead_in:])
+        results = []
+        for lane in range(len(worlds)):
+            quality = {
+                "max_edge_strain": float(self.strain.highest[lane]),
+                "p99_edge_strain": float(p99[lane]),
+                "deepest_penetration_m": float(deepest[lane]),
+                "vertices_inside": float(inside[lane]),
+                "residual_speed_m_s": float(rested.speed[lane]),
+                "substeps": float(substeps),
+                "seconds_per_frame": float(seconds[lead_in:].mean()) / len(worlds),
+            }
+            results.append(SimulationResult(recorded[lane], quality, failures[lane], timing, seconds[lead_in:]))
+        return results
 
-    def _settle(self, parameters: Mapping[str, float], counts: list[int]) -> _Rested:
-        """Let the garment come to rest on the bind-pose body.
+    def _body_contact(self, skeleton: Skeleton, device: str) -> BodyContact:
+        body, template = self.body, self.template
+        if self.settings.contact == "own":
+            skins = (body.skin_index, body.skin_weight, template.skin_index, template.skin_weight)
+            parts = own_parts(template.kind, body.faces, *skins)
+        else:
+            parts = whole_body(len(body.faces), len(template.vertices))
+        standoff = sag(self.rest.topology.edges, self.rest.edge_length, len(template.vertices))
+        surface = (body.vertices, body.faces, body.skin_index, body.skin_weight)
+        return BodyContact(*surface, parts, standoff, skeleton, self.settings.reach, device)
 
-        The last parameter set is remembered: the clips of one set all begin here.
+    def _lanes(self, worlds: Sequence[World]) -> list[World]:
+        """A world for every lane; ``ValueError`` for too many or none, or motions that cannot go together."""
+        if not 1 <= len(worlds) <= self.worlds:
+            raise ValueError(f"{len(worlds)} worlds: allowed are 1 to {self.worlds}")
+        first = worlds[0]
+        for number, world in enumerate(worlds):
+            check_parameters(world.parameters)
+            if len(world.pose) != len(first.pose):
+                raise ValueError(f"world {number} has {len(world.pose)} frames, world 0 has {len(first.pose)}")
+            if self.solver.skeleton.motions == 1 and not (
+                world is first or (np.array_equal(world.pose, first.pose) and np.array_equal(world.root, first.root))
+            ):
+                raise ValueError(f"world {number} moves unlike world 0, in a simulator whose worlds share a motion")
+        return [*worlds, *[first] * (self.worlds - len(worlds))]
+
+    def _motions(self, lanes: list[World]) -> list[World]:
+        return lanes[: self.solver.skeleton.motions]
+
+    def _settle(self, parameters: list[Mapping[str, float]], counts: list[int]) -> _Rested:
+        """Let the garments come to rest on the bind-pose body.
+
+        The last parameter sets are remembered: the clips of one set all begin here. Each world's state is taken where
+        it came to rest, so that it does not depend on the others.
         """
-        key = tuple(float(parameters[name]) for name in PARAMETER_NAMES)
+        key = tuple(tuple(float(one[name]) for name in PARAMETER_NAMES) for one in parameters)
         if self._rested is not None and self._rested.key == key:
             return self._rested
-        settings, solver = self.settings, self.solver
+        settings, solver, width = self.settings, self.solver, self.worlds
         self._set_parameters(parameters, settings.settle_damping)
-        transforms, origin = self._bind()
-        solver.place(self.rest.vertices, None, transforms, origin)
-        speed = 0.0
-        for frame in range(round(settings.settle_seconds * settings.fps / parameters["time_scale"])):
+        transforms, origins = self._bind()
+        solver.place(self.rest.vertices, None, transforms, origins)
+        limits = np.array([round(settings.settle_seconds * settings.fps / one["time_scale"]) for one in parameters])
+        speed, resting = np.zeros(width), limits == 0
+        positions, velocities, crease = self._state()
+        for frame in range(limits.max(initial=0)):
             for count in counts:
-                solver.advance(count, transforms, origin)
-            speed = float(np.sqrt(np.mean((solver.velocities().astype(np.float64) ** 2).sum(axis=1))))
+                solver.advance(count, transforms, origins)
+            now = np.sqrt(np.mean((solver.velocities().reshape(width, -1, 3).astype(np.float64) ** 2).sum(-1), axis=1))
             # Not in the first frames: there, cloth is slow because it has not begun to fall.
-            if not np.isfinite(speed) or (frame >= 5 and speed < settings.settle_speed):
+            done = ~resting & (
+                ~np.isfinite(now) | (frame + 1 >= limits) | ((frame >= 5) & (now < settings.settle_speed))
+            )
+            if done.any():
+                here = self._state()
+                positions[done], velocities[done], crease[:, done] = here[0][done], here[1][done], here[2][:, done]
+                speed[done] = now[done]
+                resting |= done
+            if resting.all():
                 break
-        self._rested = _Rested(key, solver.positions(), solver.velocities(), speed)
+        self._rested = _Rested(key, positions, velocities, crease, speed)
         return self._rested
 
+    def _state(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """World positions and velocities [W, V, 3] and creases [H, W]."""
+        solver = self.solver
+        shape = (self.worlds, solver.count, 3)
+        return solver.positions().reshape(shape), solver.velocities().reshape(shape), solver.creases()
+
     def _carried(self, rested: _Rested, transforms: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """The rested garment on the first pose: moved rigidly where that is the bind pose, by its skin where not."""
-        pelvis = transforms[_PELVIS]
-        if np.abs(transforms - pelvis).max() < 1e-3:
-            return _moved(pelvis, rested.positions), rested.velocities @ pelvis[:3, :3].T
-        each = np.stack([_moved(matrix, rested.positions) for matrix in transforms])  # [J, V, 3]
+        """The rested garments on the first pose: moved rigidly where that is the bind pose, by their skin where not."""
+        each = transforms[self.solver.skeleton.lane_motion]  # [W, J, 4, 4]
+        pelvis = each[:, PELVIS]
+        if np.abs(each - pelvis[:, None]).max() < 1e-3:
+            return moved(pelvis[:, None], rested.positions), rested.velocities @ np.swapaxes(pelvis[:, :3, :3], 1, 2)
         index, weight = self.template.skin_index, self.template.skin_weight
-        rows = np.arange(len(index))[:, None]
-        return (each[index, rows] * weight[..., None]).sum(axis=1), None
+        blended = np.einsum("vk,wvkab->wvab", weight, each[:, index])
+        return moved(blended, rested.positions), None
 
     def _bind(self) -> tuple[np.ndarray, np.ndarray]:
-        """Skinning transforms of the bind pose and its floating origin."""
-        return np.tile(np.eye(4), (len(self.body.joints), 1, 1)), np.asarray(
-            self.body.joints[_PELVIS], dtype=np.float64
+        """Skinning transforms of the bind pose and its floating origin, for every motion."""
+        motions = self.solver.skeleton.motions
+        return np.tile(np.eye(4), (motions, len(self.body.joints), 1, 1)), np.tile(
+            np.asarray(self.body.joints[PELVIS], dtype=np.float64), (motions, 1)
         )
 
-    def _set_parameters(self, parameters: Mapping[str, float], extra_damping: float) -> None:
-        dt = parameters["time_scale"] / (self.settings.fps * round(parameters["substeps"]))
-        self.solver.set_parameters(parameters, dt, extra_damping, self.settings.max_speed)
+    def _set_parameters(self, parameters: list[Mapping[str, float]], extra_damping: float) -> None:
+        steps = [one["time_scale"] / (self.settings.fps * round(one["substeps"])) for one in parameters]
+        self.solver.set_parameters(parameters, steps, extra_damping, self.settings.max_speed)
 
-    def _divergence(self, index: int) -> str | None:
-        """Why the state cannot be used, None when it can; cheap, for it is asked every frame."""
-        local = self.solver.x.numpy()
-        i, j = self.rest.topology.edges.T
-        span = local[i] - local[j]
-        stretch = np.sqrt(np.einsum("ek,ek->e", span, span).max())  # NaN and infinity survive the maximum
-        if stretch <= self._shortest_absurd:
-            return None
+    def _retire_diverged(self, index: int, failures: list[str | None]) -> None:
+        """Note which worlds cannot be used any more, and put them back to rest: they must not disturb the others."""
+        strain = self.strain.measure(self.solver.x, index >= 0)
+        bad = np.flatnonzero(strain > self.settings.absurd_strain)
+        if not len(bad):
+            return
         where = f"frame {index}" if index >= 0 else f"{-index} frames before the first recorded one"
-        bad = ~np.isfinite(local).all(axis=1)
-        if bad.any():
-            return f"{int(bad.sum())} vertices are not finite at {where}"
-        strain = float(self.rest.edge_strain(local).max())
-        return f"an edge is strained by {strain:.0%} at {where}" if strain > self.settings.absurd_strain else None
+        local = self.solver.local_positions()
+        for lane in bad:
+            lost = int((~np.isfinite(local[lane]).all(axis=1)).sum())
+            what = f"{lost} vertices are not finite" if lost else f"an edge is strained by {strain[lane]:.0%}"
+            failures[lane] = failures[lane] or f"{what} at {where}"
+        self.solver.put_back(bad, self.rest.vertices - self.body.joints[PELVIS])
 
     def _check_start(self) -> None:
         """The template on its bind-pose body: no vertex may start deeper inside than the settings allow."""
         allowed = self.settings.start_depth
-        self._set_parameters(base_parameters(), 0.0)
+        self._set_parameters([base_parameters()] * self.worlds, 0.0)
         self.solver.place(self.rest.vertices, None, *self._bind(), passes=0, reach=1.0)
-        depth = -self.contact.distance.numpy()
+        depth = -self.contact.distances()[0]
         if depth.max(initial=0.0) > allowed:
             worst = int(np.argmax(depth))
             raise ValueError(
@@ -259,21 +355,9 @@ class Simulator:
             )
 
 
-def query_times(frames: int, counts: list[int]) -> np.ndarray:
-    """Times of the queries in frames: 0 and the end of every interval, shape [1 + (frames - 1) * len(counts)]."""
-    within = np.cumsum(counts) / sum(counts)
-    return np.concatenate([[0.0], (np.arange(frames - 1)[:, None] + within).ravel()])
-
-
-def _transforms_at(body: Body, pose: np.ndarray, root: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Skinning transforms [Q, J, 4, 4] at times in frames: joints slerped, the root linear."""
-    frames = np.arange(len(pose), dtype=np.float64)
-    if len(times) > 1:
-        pose = slerp_poses(pose, frames, times)
-        root = np.stack([np.interp(times, frames, root[:, axis]) for axis in range(3)], axis=1)
-    return body.joint_transforms(pose, root)
-
-
-def _moved(transforms: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points [..., 3] under 4 x 4 transforms [..., 4, 4]."""
-    return np.einsum("...ab,...b->...a", transforms[..., :3, :3], points) + transforms[..., :3, 3]
+def _shared_substeps(parameters: list[Mapping[str, float]]) -> int:
+    """The substeps a frame of worlds that are simulated together."""
+    counts = {round(one["substeps"]) for one in parameters}
+    if len(counts) > 1:
+        raise ValueError(f"substeps = {sorted(counts)}: worlds that are simulated together take the same number")
+    return counts.pop()

@@ -1,50 +1,58 @@
 """Extended position-based dynamics of one garment (Macklin et al. 2016) with small substeps (Macklin et al. 2019).
 
-In: the rest state of a garment, a moving body, a set of intrinsic parameters. Out: positions at the end of each query
-interval. One interval of n substeps reads:
+In: the rest state of a garment, moving bodies, and for each of W worlds a set of intrinsic parameters. Out: positions
+at the end of each query interval. One interval of n substeps reads:
 
-    move the body and the pins to the end of the interval; carry the cached contact planes along
+    move bodies and pins to the end of the interval; carry the cached contact planes along
+    normals of the cloth; creases where it is bent beyond its yield
     for j = 1 .. n:
         every fourth substep: v <- damped v                       membrane and bending, implicit
-        v <- drag v + gravity dt;  x_pred <- x + v dt            predict
+        v <- in the air, under gravity;  x_pred <- x + v dt      predict
         membrane: triangles, colour by colour                    Gauss-Seidel, one iteration
-        bending: hinges, colour by colour
+        every other substep: bending: hinges, colour by colour
         contact planes at j/n of the interval, friction          last, so that it holds at the end
         v <- v + (x - x_pred) / dt
-    refit the body; put vertices outside the exact surface; cache the closest points for the next interval
+    refit the bodies; put vertices outside the exact surface; cache the closest points for the next interval
 
 The whole interval but the refit is recorded once as a graph and replayed: on a CPU this takes the launch overhead away.
-Positions are relative to a floating origin that the caller moves with the pelvis; velocities are those of the world.
+Positions are relative to floating origins that the caller moves with the pelvis; velocities are those of the world.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import warp as wp
 
-from sim.body_contact import BodyContact, Skeleton, Skin
-from sim.colouring import colour_constraints
+from sim.body_contact import BodyContact, corner_table
 from sim.compile import load_kernels
-from sim.kernels import bending, integrate, membrane
-from sim.kernels.parameters import SubstepParameters
-from sim.parameters import check_parameters
+from sim.constraints import device_hinges, device_packs, device_triangles
+from sim.kernels import bending, integrate, membrane, packed_membrane
+from sim.kernels.lanes import scalars, vectors
+from sim.kernels.parameters import ROW_COUNT, substep_constants
+from sim.parameters import check_parameters, parameter
 from sim.rest_state import RestState
+from sim.skeleton import Skeleton, Skin
 
-SOLVER_VERSION = "xpbd-1"
+SOLVER_VERSION = "xpbd-2"
 
 # The implicit damping of a few substeps at once costs little and changes little: with real fabrics' stiffness a single
 # triangle's strain rate is damped away within one substep anyway.
 SUBSTEPS_A_DAMPING = 4
+# Bending is so much softer than the membrane that the impulse of two substeps at once is as good.
+SUBSTEPS_A_BENDING = 2
+
+_NEVER_YIELDS = parameter("bend_yield").allowed[1]
 
 
 class XpbdSolver:
-    """State and step of one garment.
+    """State and step of W worlds of one garment; the lanes of ``skeleton`` say how many.
 
     Attributes:
-        x: Positions relative to the floating origin [m], shape [V].
-        v: Velocities in the world [m/s], shape [V].
+        width: Number of worlds W.
+        x: Positions relative to the floating origins [m], shape [V], a 3-D vector in every lane.
+        v: Velocities in the world [m/s], likewise.
     """
 
     def __init__(self, rest: RestState, skeleton: Skeleton, contact: BodyContact | None, pins: Skin, device: str):
@@ -52,145 +60,211 @@ class XpbdSolver:
 
         Args:
             rest: Rest state of the garment.
-            skeleton: Transforms shared by body and pins.
+            skeleton: Transforms shared by body and pins; its lanes are the worlds.
             contact: Body to collide with; None for none.
             pins: Skinned targets of ``rest.pinned``, in that order.
             device: Warp device.
         """
+        width = len(skeleton.lane_motion)
         load_kernels(device)
         self.rest, self.skeleton, self.contact, self.pins, self.device = rest, skeleton, contact, pins, device
-        count = len(rest.vertices)
-        self.count = count
-        self.triangle_colours, self.triangles = _device_triangles(rest, device)
-        self.hinge_colours, self.hinges = _device_hinges(rest, device)
+        self.count, self.width = len(rest.vertices), width
+        self.packed = width == 1 and device == "cpu"
+        self.triangles = (device_packs if self.packed else device_triangles)(rest, device)
+        self.hinges = device_hinges(rest, device)
         self.pinned = wp.array(rest.pinned, dtype=int, device=device)
         self.inverse_mass = wp.array(rest.inverse_mass.astype(np.float32), dtype=float, device=device)
-        self.x, self.v, self.x_prev, self.x_pred = (wp.zeros(count, dtype=wp.vec3, device=device) for _ in range(4))
-        self.parameters = wp.zeros(1, dtype=SubstepParameters, device=device)
-        self._graphs: dict[int, wp.Graph] = {}
+        first_corner, corners = corner_table(rest.topology.faces, self.count)
+        self.first_corner = wp.array(first_corner, dtype=int, device=device)
+        self.corners = wp.array(corners, dtype=wp.vec2i, device=device)
+        vector = vectors(width)
+        self.x, self.v, self.x_prev, self.x_pred, self.normals = (
+            wp.zeros(self.count, dtype=vector, device=device) for _ in range(5)
+        )
+        self.crease = wp.zeros(len(rest.hinges), dtype=scalars(width), device=device)
+        self.parameters = wp.zeros(ROW_COUNT, dtype=scalars(width), device=device)
+        self.plastic = False
+        self._graphs: dict[tuple[int, bool], wp.Graph] = {}
 
     def set_parameters(
-        self, values: Mapping[str, float], dt: float, extra_damping: float = 0.0, max_speed: float = 1.0e6
+        self,
+        values: Mapping[str, float] | Sequence[Mapping[str, float]],
+        dt: float | Sequence[float],
+        extra_damping: float = 0.0,
+        max_speed: float = 1.0e6,
     ) -> None:
-        """Take a set of intrinsic parameters for substeps of ``dt`` [s].
+        """Take the intrinsic parameters of every world.
 
         Args:
-            values: Every intrinsic parameter.
-            dt: Substep [s].
+            values: Every intrinsic parameter, of all worlds or of each.
+            dt: Substep [s], of all worlds or of each; they differ where time scales do.
             extra_damping: Rate at which velocities decay besides air drag [1/s].
             max_speed: Cap on the speed of a vertex [m/s].
         """
-        check_parameters(values)
-        p = SubstepParameters()
-        scale = dt * dt / values["density"]
-        p.dt = dt
-        p.velocity_decay = float(np.exp(-(values["air_drag"] / values["density"] + extra_damping) * dt))
-        p.gravity_step = values["gravity"] * dt
-        p.stretch_root = float(np.sqrt(values["stretch"] * scale))
-        p.shear_root = float(np.sqrt(values["shear"] * scale))
-        p.compression_root = float(np.sqrt(values["compression"]))
-        p.stretch_damping = values["stretch_damping"] / dt
-        p.bend = values["bend"] * scale
-        p.bend_damping = values["bend_damping"] / dt
-        p.friction = values["friction"]
-        p.thickness = values["thickness"]
-        p.max_speed = max_speed
-        self.parameters.assign([p])
+        each = [values] * self.width if isinstance(values, Mapping) else list(values)
+        steps = np.broadcast_to(np.asarray(dt, dtype=np.float64), self.width)
+        if len(each) != self.width:
+            raise ValueError(f"{len(each)} parameter sets for {self.width} worlds")
+        for one in each:
+            check_parameters(one)
+        columns = [substep_constants(one, step, extra_damping, max_speed) for one, step in zip(each, steps)]
+        self.parameters.assign(np.stack(columns, axis=1))
+        self.plastic = any(one["bend_yield"] < _NEVER_YIELDS for one in each)
 
     def place(
         self,
         positions: np.ndarray,
         velocities: np.ndarray | None,
         transforms: np.ndarray,
-        origin: np.ndarray,
+        origins: np.ndarray,
         passes: int = 3,
         reach: float | None = None,
+        crease: np.ndarray | None = None,
     ) -> None:
-        """Put garment and body somewhere and find the contacts there.
+        """Put garments and bodies somewhere and find the contacts there.
 
         Args:
-            positions: World positions [m], shape [V, 3].
-            velocities: World velocities [m/s], shape [V, 3]; None for rest.
-            transforms: Skinning transforms of the body, bind to world, shape [J, 4, 4].
-            origin: Floating origin [m], shape [3].
+            positions: World positions [m], shape [V, 3] or [W, V, 3].
+            velocities: World velocities [m/s], likewise; None for rest.
+            transforms: Skinning transforms of the bodies, bind to world, shape [J, 4, 4] or [M, J, 4, 4].
+            origins: Floating origins [m], shape [3] or [M, 3].
             passes: How often a vertex inside the body is moved out at most; 0 only measures.
             reach: Radius of the query [m] where it differs from that of the motion.
+            crease: Crease of each hinge as :meth:`creases` gives it; None for none.
         """
+        transforms, origins = self._motions(transforms, origins)
         for _ in range(2):  # twice: start and end of the interval
-            self.skeleton.set(transforms, origin)
+            self.skeleton.set(transforms, origins)
             self.pins.launch(self.skeleton)
             if self.contact is not None:
                 self.contact.forget()
                 self.contact.launch_motion()
-        self.x.assign((np.asarray(positions, dtype=np.float64) - origin).astype(np.float32))
-        self.v.assign(np.zeros((self.count, 3), np.float32) if velocities is None else velocities.astype(np.float32))
+        local = np.asarray(positions, dtype=np.float64) - self._lane_origins()[:, None]
+        self.x.assign(self._in_lanes(local))
+        still = np.zeros((self.count, 3)) if velocities is None else velocities
+        self.v.assign(self._in_lanes(np.asarray(still)))
+        self.crease.zero_() if crease is None else self.crease.assign(crease)
         if self.contact is not None:
             self.contact.find(self.inverse_mass, self.parameters, self.x, passes, reach)
 
-    def advance(self, substeps: int, transforms: np.ndarray, origin: np.ndarray) -> None:
+    def advance(self, substeps: int, transforms: np.ndarray, origins: np.ndarray) -> None:
         """Simulate one query interval.
 
         Args:
             substeps: Number of substeps in it.
-            transforms: Skinning transforms at its end, bind to world, shape [J, 4, 4].
-            origin: Floating origin for it [m], shape [3]; a translation alone, so the dynamics stay those of the world.
+            transforms: Skinning transforms at its end, bind to world, shape [J, 4, 4] or [M, J, 4, 4].
+            origins: Floating origins for it [m], shape [3] or [M, 3]; translations alone, so the dynamics stay those of
+                the world.
         """
-        self.skeleton.set(transforms, origin)
-        if substeps not in self._graphs:
-            self._record(substeps)
-        wp.capture_launch(self._graphs[substeps])
+        self.skeleton.set(*self._motions(transforms, origins))
+        key = (substeps, self.plastic)
+        if key not in self._graphs:
+            with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
+                self._interval(substeps)
+            self._graphs[key] = capture.graph
+        wp.capture_launch(self._graphs[key])
         if self.contact is not None:
             self.contact.find(self.inverse_mass, self.parameters, self.x)
 
+    def local_positions(self) -> np.ndarray:
+        """Positions relative to each lane's floating origin [m], shape [W, V, 3], float32."""
+        return self._out_of_lanes(self.x)
+
     def positions(self) -> np.ndarray:
-        """World positions [m], shape [V, 3], float64."""
-        return self.x.numpy() + self.skeleton.origin
+        """World positions [m], shape [W, V, 3], float64; [V, 3] of a single world."""
+        world = self.local_positions() + self._lane_origins()[:, None]
+        return world[0] if self.width == 1 else world
 
     def velocities(self) -> np.ndarray:
-        """World velocities [m/s], shape [V, 3]."""
-        return self.v.numpy().copy()
+        """World velocities [m/s], shape [W, V, 3]; [V, 3] of a single world."""
+        velocities = self._out_of_lanes(self.v)
+        return velocities[0] if self.width == 1 else velocities
 
-    def _record(self, substeps: int) -> None:
-        with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
-            self._interval(substeps)
-        self._graphs[substeps] = capture.graph
+    def creases(self) -> np.ndarray:
+        """Crease of each hinge in every lane [1], in the order of the colours, shape [H, W]."""
+        return self.crease.numpy().copy()
+
+    def put_back(self, lanes: np.ndarray, local: np.ndarray) -> None:
+        """Put the garments of some lanes at rest to these positions [m], shape [V, 3], relative to the origin."""
+        x, v = (values.numpy().reshape(self.count, 3, self.width).copy() for values in (self.x, self.v))
+        x[:, :, lanes], v[:, :, lanes] = local[..., None], 0.0
+        self.x.assign(x.reshape(self.count, -1))
+        self.v.assign(v.reshape(self.count, -1))
+
+    def _motions(self, transforms: np.ndarray, origins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        transforms, origins = np.asarray(transforms), np.asarray(origins, dtype=np.float64)
+        return transforms.reshape(-1, *transforms.shape[-3:]), origins.reshape(-1, 3)
+
+    def _lane_origins(self) -> np.ndarray:
+        return self.skeleton.origins[self.skeleton.lane_motion]
+
+    def _in_lanes(self, each: np.ndarray) -> np.ndarray:
+        """[V, 3] or [W, V, 3] as the device has it: [V, 3 W], axis after axis."""
+        each = np.broadcast_to(each, (self.width, self.count, 3))
+        return np.ascontiguousarray(each.transpose(1, 2, 0).reshape(self.count, -1), dtype=np.float32)
+
+    def _out_of_lanes(self, values: wp.array) -> np.ndarray:
+        each = values.numpy().reshape(self.count, 3, self.width)
+        return np.ascontiguousarray(each.transpose(2, 0, 1))
 
     def _interval(self, substeps: int) -> None:
-        wp.launch(integrate.shift_origin, self.count, [self.skeleton.shift], [self.x], device=self.device)
-        self.pins.launch(self.skeleton)
+        launch = self._launch
+        skeleton = self.skeleton
+        launch(integrate.shift_origin, self.count, [skeleton.device_lane_motion, skeleton.shift], [self.x])
+        self.pins.launch(skeleton)
         if self.contact is not None:
             self.contact.launch_motion()
+        launch(integrate.cloth_normals, self.count, [self.first_corner, self.corners, self.x], [self.normals])
+        if self.plastic:
+            inputs = [self.hinges.items, self.parameters, self.x]
+            launch(bending.yield_hinges, len(self.rest.hinges), inputs, [self.crease])
         done = 0
         for span in even_split(substeps, max(1, round(substeps / SUBSTEPS_A_DAMPING))):
             self._damp(float(span))
-            for _ in range(span):
+            for bends in _bending_spans(span):
                 done += 1
-                self._substep(done / substeps, 1.0 / substeps)
+                self._substep(done / substeps, 1.0 / substeps, bends)
 
     def _damp(self, span: float) -> None:
-        for first, count in self.triangle_colours:
-            inputs = [first, span, self.triangles, self.inverse_mass, self.parameters, self.x]
-            wp.launch(membrane.damp_membrane, count, inputs, [self.v], device=self.device)
-        for first, count in self.hinge_colours:
-            inputs = [first, span, self.hinges, self.inverse_mass, self.parameters]
-            wp.launch(bending.damp_bending, count, inputs, [self.v], device=self.device)
+        for first, count in self.triangles.ranges:
+            if self.packed:
+                inputs = [first, span, self.triangles.items, self.parameters, self.x]
+                self._launch(packed_membrane.damp_packed_membrane, count, inputs, [self.v])
+            else:
+                inputs = [first, span, self.triangles.items, self.inverse_mass, self.parameters, self.x]
+                self._launch(membrane.damp_membrane, count, inputs, [self.v])
+        for first, count in self.hinges.ranges:
+            inputs = [first, span, self.hinges.items, self.inverse_mass, self.parameters]
+            self._launch(bending.damp_bending, count, inputs, [self.v])
 
-    def _substep(self, fraction: float, step: float) -> None:
-        inputs = [self.inverse_mass, self.parameters]
-        wp.launch(integrate.predict, self.count, inputs, [self.v, self.x, self.x_prev, self.x_pred], device=self.device)
+    def _substep(self, fraction: float, step: float, bends: int) -> None:
+        launch = self._launch
+        inputs = [self.inverse_mass, self.parameters, self.normals]
+        launch(integrate.predict, self.count, inputs, [self.v, self.x, self.x_prev, self.x_pred])
         if self.pins.count:
-            inputs = [fraction, self.pinned, self.pins.start, self.pins.end]
-            wp.launch(integrate.move_pins, self.pins.count, inputs, [self.x], device=self.device)
-        for first, count in self.triangle_colours:
-            inputs = [first, self.triangles, self.inverse_mass, self.parameters]
-            wp.launch(membrane.solve_membrane, count, inputs, [self.x], device=self.device)
-        for first, count in self.hinge_colours:
-            inputs = [first, self.hinges, self.inverse_mass, self.parameters]
-            wp.launch(bending.solve_bending, count, inputs, [self.x], device=self.device)
+            inputs = [fraction, self.pinned, self.skeleton.device_lane_motion, self.pins.count]
+            launch(integrate.move_pins, self.pins.count, [*inputs, self.pins.start, self.pins.end], [self.x])
+        for first, count in self.triangles.ranges:
+            if self.packed:
+                inputs = [first, self.triangles.items, self.parameters]
+                launch(packed_membrane.solve_packed_membrane, count, inputs, [self.x])
+            else:
+                inputs = [first, self.triangles.items, self.inverse_mass, self.parameters]
+                launch(membrane.solve_membrane, count, inputs, [self.x])
+        if bends:
+            for first, count in self.hinges.ranges:
+                inputs = [first, float(bends), self.hinges.items, self.inverse_mass, self.parameters]
+                if self.plastic:
+                    launch(bending.solve_creased_bending, count, [*inputs, self.crease], [self.x])
+                else:
+                    launch(bending.solve_bending, count, inputs, [self.x])
         if self.contact is not None:
             self.contact.launch_solve(fraction, step, self.inverse_mass, self.x_prev, self.parameters, self.x)
         inputs = [self.inverse_mass, self.parameters, self.x, self.x_prev, self.x_pred]
-        wp.launch(integrate.update_velocity, self.count, inputs, [self.v], device=self.device)
+        launch(integrate.update_velocity, self.count, inputs, [self.v])
+
+    def _launch(self, kernel: wp.Kernel, size: int, inputs: list, outputs: list) -> None:
+        wp.launch(kernel, size, inputs, outputs, device=self.device)
 
 
 def even_split(total: int, parts: int) -> list[int]:
@@ -200,34 +274,9 @@ def even_split(total: int, parts: int) -> list[int]:
     return [end - start for start, end in zip([0] + ends, ends)]
 
 
-def _device_triangles(rest: RestState, device: str) -> tuple[list[tuple[int, int]], wp.array]:
-    """Triangles in packs of four of one colour: (first, count) of each colour's packs, and the packs."""
-    faces = rest.topology.faces
-    colouring = colour_constraints(faces, len(rest.vertices))
-    ranges, members = [], []
-    for start, count in colouring.ranges:
-        packs = -(-count // membrane.LANES)
-        ranges.append((sum(map(len, members)), packs))
-        # The last pack is filled up by repeating a triangle; lanes beyond ``count`` are never stored.
-        padded = np.full(packs * membrane.LANES, start + count - 1)
-        padded[:count] = np.arange(start, start + count)
-        members.append(colouring.order[padded].reshape(packs, membrane.LANES))
-    packed = np.zeros(sum(map(len, members)), dtype=membrane.Triangles.numpy_dtype())
-    packed["count"] = membrane.LANES
-    for (first, packs), (_, count) in zip(ranges, colouring.ranges):
-        packed["count"][first + packs - 1] = count - (packs - 1) * membrane.LANES
-    lanes = np.concatenate(members)
-    packed["i0"], packed["i1"], packed["i2"] = (faces[lanes, corner] for corner in range(3))
-    packed["du1"], packed["dv1"] = (rest.inverse[lanes, 0, c] for c in range(2))
-    packed["du2"], packed["dv2"] = (rest.inverse[lanes, 1, c] for c in range(2))
-    packed["root_area"] = np.sqrt(rest.area[lanes])
-    return ranges, wp.array(packed, dtype=membrane.Triangles, device=device)
-
-
-def _device_hinges(rest: RestState, device: str) -> tuple[tuple[tuple[int, int], ...], wp.array]:
-    colouring = colour_constraints(rest.hinges, len(rest.vertices))
-    packed = np.zeros(len(rest.hinges), dtype=bending.Hinge.numpy_dtype())
-    packed["i0"], packed["i1"], packed["i2"], packed["i3"] = rest.hinges.T
-    packed["weight"] = rest.hinge_weights
-    packed["norm"] = (rest.hinge_weights**2 * rest.inverse_mass[rest.hinges]).sum(axis=1)
-    return colouring.ranges, wp.array(packed[colouring.order], dtype=bending.Hinge, device=device)
+def _bending_spans(substeps: int) -> list[int]:
+    """For each substep, how many substeps' bending it does: 0 or, in the last of a few, their number."""
+    spans = []
+    for few in even_split(substeps, max(1, round(substeps / SUBSTEPS_A_BENDING))):
+        spans += [0] * (few - 1) + [few]
+    return spans

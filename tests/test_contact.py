@@ -12,13 +12,14 @@ from body.model import Body
 from garments.template import GarmentTemplate
 from geometry.proximity import closest_surface
 from geometry.rotations import axis_angle_to_matrix, matrix_to_axis_angle
-from sim.body_contact import BodyContact, Skeleton, Skin, sag
+from sim.body_contact import BodyContact, sag
 from sim.body_parts import own_parts, whole_body
 from sim.compile import resolve_device
 from sim.parameters import base_parameters
 from sim.rest_state import RestState
 from sim.settings import SimulationSettings
 from sim.simulate import Simulator, simulate_clip
+from sim.skeleton import Skeleton, Skin
 from sim.xpbd import XpbdSolver
 
 DEVICE = resolve_device("cpu")
@@ -42,7 +43,7 @@ def sheet(size: float, edge: float, height: float) -> tuple[np.ndarray, np.ndarr
 def cloth_on(body: trimesh.Trimesh, vertices: np.ndarray, faces: np.ndarray, dt: float, **values: float) -> XpbdSolver:
     """A free cloth above a rigid body with one joint."""
     rest = RestState.from_mesh(vertices, faces)
-    skeleton = Skeleton(1, np.zeros(3), DEVICE)
+    skeleton = Skeleton(1, np.zeros(3), [0], DEVICE)
     count = len(body.vertices)
     one = np.zeros((count, 1), dtype=int), np.ones((count, 1))
     standoff = sag(rest.topology.edges, rest.edge_length, len(vertices))
@@ -50,7 +51,7 @@ def cloth_on(body: trimesh.Trimesh, vertices: np.ndarray, faces: np.ndarray, dt:
     contact = BodyContact(
         body.vertices, np.asarray(body.faces), *one, parts, standoff, skeleton, reach=0.05, device=DEVICE
     )
-    solver = XpbdSolver(rest, skeleton, contact, Skin(np.zeros((0, 3)), one[0][:0], one[1][:0], DEVICE), DEVICE)
+    solver = XpbdSolver(rest, skeleton, contact, Skin(np.zeros((0, 3)), one[0][:0], one[1][:0], 1, DEVICE), DEVICE)
     solver.set_parameters(base_parameters({"air_drag": 0.0, **values}), dt)
     solver.place(vertices, None, np.eye(4)[None], np.zeros(3))
     return solver

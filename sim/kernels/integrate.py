@@ -1,74 +1,189 @@
-"""Time integration of a substep: prediction, pins, velocities, and the change of the floating origin."""
+"""Time integration of a substep: prediction under gravity and air, pins, velocities, and the change of the origin."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import warp as wp
 
-from sim.kernels.parameters import SubstepParameters
+from sim.kernels.lanes import LANE_OPTIONS, WIDTHS, declare
+from sim.kernels.parameters import (
+    DRAG_ACROSS,
+    DRAG_ALONG,
+    DT,
+    GRAVITY_STEP,
+    KEEP,
+    MAX_SPEED,
+    OVER_DT,
+    WIND_X,
+    WIND_Z,
+)
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options(LANE_OPTIONS)
 
 
 @wp.kernel
 def predict(
     inverse_mass: wp.array(dtype=float),
-    parameters: wp.array(dtype=SubstepParameters),
-    v: wp.array(dtype=wp.vec3),
-    x: wp.array(dtype=wp.vec3),
-    x_prev: wp.array(dtype=wp.vec3),
-    x_pred: wp.array(dtype=wp.vec3),
+    parameters: wp.array(dtype=Any),
+    normals: wp.array(dtype=Any),
+    v: wp.array(dtype=Any),
+    x: wp.array(dtype=Any),
+    x_prev: wp.array(dtype=Any),
+    x_pred: wp.array(dtype=Any),
 ):
-    """Semi-implicit Euler; drag comes before gravity, or it would take away from the weight of cloth at rest."""
+    """Semi-implicit Euler; the air is integrated exactly over the substep: the velocity against it decays.
+
+    Drag comes before gravity, or it would take away from the weight of cloth at rest.
+    """
     i = wp.tid()
-    p = parameters[0]
     start = x[i]
     x_prev[i] = start
     if inverse_mass[i] > 0.0:
-        velocity = v[i] * p.velocity_decay
-        velocity = velocity - wp.vec3(0.0, p.gravity_step, 0.0)
+        dt = parameters[DT]
+        keep = parameters[KEEP]
+        across = parameters[DRAG_ACROSS]
+        along = parameters[DRAG_ALONG]
+        wind_x = parameters[WIND_X]
+        wind_z = parameters[WIND_Z]
+        gravity = parameters[GRAVITY_STEP]
+        normal = normals[i]
+        velocity = v[i]
+        lanes = len(dt)
+        for k in range(lanes):
+            y = lanes + k
+            z = 2 * lanes + k
+            rx = velocity[k] * keep[k] - wind_x[k]
+            ry = velocity[y] * keep[k]
+            rz = velocity[z] * keep[k] - wind_z[k]
+            face = (across[k] - along[k]) * (rx * normal[k] + ry * normal[y] + rz * normal[z])
+            vx = wind_x[k] + along[k] * rx + face * normal[k]
+            vy = along[k] * ry + face * normal[y] - gravity[k]
+            vz = wind_z[k] + along[k] * rz + face * normal[z]
+            velocity[k] = vx
+            velocity[y] = vy
+            velocity[z] = vz
+            start[k] = start[k] + vx * dt[k]
+            start[y] = start[y] + vy * dt[k]
+            start[z] = start[z] + vz * dt[k]
         v[i] = velocity
-        end = start + velocity * p.dt
-        x[i] = end
-        x_pred[i] = end
+        x[i] = start
+        x_pred[i] = start
 
 
 @wp.kernel
 def move_pins(
     fraction: float,
     pinned: wp.array(dtype=int),
+    lane_motion: wp.array(dtype=int),
+    pin_count: int,
     pin_from: wp.array(dtype=wp.vec3),
     pin_to: wp.array(dtype=wp.vec3),
-    x: wp.array(dtype=wp.vec3),
+    x: wp.array(dtype=Any),
 ):
     """Kinematic vertices on their way through the interval."""
-    k = wp.tid()
-    x[pinned[k]] = pin_from[k] * (1.0 - fraction) + pin_to[k] * fraction
+    p = wp.tid()
+    position = x[pinned[p]]
+    lanes = lane_motion.shape[0]
+    for k in range(lanes):
+        source = lane_motion[k] * pin_count + p
+        target = pin_from[source] * (1.0 - fraction) + pin_to[source] * fraction
+        position[k] = target[0]
+        position[lanes + k] = target[1]
+        position[2 * lanes + k] = target[2]
+    x[pinned[p]] = position
 
 
 @wp.kernel
 def update_velocity(
     inverse_mass: wp.array(dtype=float),
-    parameters: wp.array(dtype=SubstepParameters),
-    x: wp.array(dtype=wp.vec3),
-    x_prev: wp.array(dtype=wp.vec3),
-    x_pred: wp.array(dtype=wp.vec3),
-    v: wp.array(dtype=wp.vec3),
+    parameters: wp.array(dtype=Any),
+    x: wp.array(dtype=Any),
+    x_prev: wp.array(dtype=Any),
+    x_pred: wp.array(dtype=Any),
+    v: wp.array(dtype=Any),
 ):
     """``v += (x - x_pred) / dt``: the difference of positions alone would lose the velocity in float32 rounding."""
     i = wp.tid()
-    p = parameters[0]
+    over_dt = parameters[OVER_DT]
+    max_speed = parameters[MAX_SPEED]
+    position = x[i]
+    velocity = v[i]
+    before = x_prev[i]
+    # A pinned vertex is where its target is: its velocity is what that took.
+    free = wp.where(inverse_mass[i] > 0.0, 1.0, 0.0)
     if inverse_mass[i] > 0.0:
-        velocity = v[i] + (x[i] - x_pred[i]) / p.dt
-        speed = wp.length(velocity)
-        if speed > p.max_speed:
-            velocity = velocity * (p.max_speed / speed)
-        v[i] = velocity
-    else:
-        v[i] = (x[i] - x_prev[i]) / p.dt
+        before = x_pred[i]
+    lanes = len(over_dt)
+    for k in range(lanes):
+        y = lanes + k
+        z = 2 * lanes + k
+        vx = velocity[k] * free + (position[k] - before[k]) * over_dt[k]
+        vy = velocity[y] * free + (position[y] - before[y]) * over_dt[k]
+        vz = velocity[z] * free + (position[z] - before[z]) * over_dt[k]
+        speed = wp.sqrt(vx * vx + vy * vy + vz * vz)
+        factor = wp.where(speed > max_speed[k], max_speed[k] / speed, 1.0)
+        velocity[k] = vx * factor
+        velocity[y] = vy * factor
+        velocity[z] = vz * factor
+    v[i] = velocity
 
 
 @wp.kernel
-def shift_origin(shift: wp.array(dtype=wp.vec3), x: wp.array(dtype=wp.vec3)):
+def shift_origin(lane_motion: wp.array(dtype=int), shift: wp.array(dtype=wp.vec3), x: wp.array(dtype=Any)):
     """Positions in the coordinates of a new origin; velocities are those of the world and stay."""
     i = wp.tid()
-    x[i] = x[i] + shift[0]
+    position = x[i]
+    lanes = lane_motion.shape[0]
+    for k in range(lanes):
+        by = shift[lane_motion[k]]
+        position[k] = position[k] + by[0]
+        position[lanes + k] = position[lanes + k] + by[1]
+        position[2 * lanes + k] = position[2 * lanes + k] + by[2]
+    x[i] = position
+
+
+@wp.kernel
+def cloth_normals(
+    first_corner: wp.array(dtype=int),
+    corners: wp.array(dtype=wp.vec2i),
+    x: wp.array(dtype=Any),
+    normals: wp.array(dtype=Any),
+):
+    """Area-weighted unit normals of the garment's vertices; ``corners`` holds the other two vertices of each face."""
+    i = wp.tid()
+    centre = x[i]
+    total = centre - centre
+    lanes = len(centre) // 3
+    for c in range(first_corner[i], first_corner[i + 1]):
+        a = x[corners[c][0]]
+        b = x[corners[c][1]]
+        for k in range(lanes):
+            y = lanes + k
+            z = 2 * lanes + k
+            ax = a[k] - centre[k]
+            ay = a[y] - centre[y]
+            az = a[z] - centre[z]
+            bx = b[k] - centre[k]
+            by = b[y] - centre[y]
+            bz = b[z] - centre[z]
+            total[k] = total[k] + ay * bz - az * by
+            total[y] = total[y] + az * bx - ax * bz
+            total[z] = total[z] + ax * by - ay * bx
+    for k in range(lanes):
+        y = lanes + k
+        z = 2 * lanes + k
+        over = 1.0 / wp.sqrt(total[k] * total[k] + total[y] * total[y] + total[z] * total[z] + 1.0e-20)
+        total[k] = total[k] * over
+        total[y] = total[y] * over
+        total[z] = total[z] * over
+    normals[i] = total
+
+
+for _width in WIDTHS:
+    _state = {"x": "vectors", "x_prev": "vectors", "x_pred": "vectors"}
+    declare(predict, _width, parameters="scalars", normals="vectors", v="vectors", **_state)
+    declare(update_velocity, _width, parameters="scalars", v="vectors", **_state)
+    declare(move_pins, _width, x="vectors")
+    declare(shift_origin, _width, x="vectors")
+    declare(cloth_normals, _width, x="vectors", normals="vectors")
