@@ -7,6 +7,7 @@ Every complaint names the file, the key, what was found and what is allowed.
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import yaml
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import ValidationError, best_match
 
+from garments.mesh_file import MESH_FILES
 from garments.spec import MEASURES, VERTEX_LIMITS
 from sim.fabrics import FABRICS, base_values
 from sim.parameters import PARAMETER_NAMES, base_parameters, parameter
@@ -91,12 +93,22 @@ def check_config(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
     error = best_match(Draft202012Validator(read_yaml(SCHEMA_FILE)).iter_errors(config))
     if error is not None:
         _refuse_schema_error(error, layers)
+    _check_finite((), config, layers)
     _check_parameters(config, layers)
     _check_garments(config, layers)
     _check_ranges(config, layers)
     _check_motions(config, layers)
     _check_data(config, layers)
     _check_models(config, layers)
+
+
+def _check_finite(key: tuple, node: Any, layers: Sequence[Layer]) -> None:
+    """YAML can write .nan and .inf, which pass every limit of a schema."""
+    if isinstance(node, float) and not math.isfinite(node):
+        raise _error(layers, key, f"found {node}", "allowed are finite numbers")
+    children = node.items() if isinstance(node, Mapping) else enumerate(node) if isinstance(node, list) else ()
+    for name, child in children:
+        _check_finite((*key, name), child, layers)
 
 
 def _check_parameters(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
@@ -146,10 +158,14 @@ def _check_garments(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
     for name, settings in config["garments"].items():
         place = ("garments", name)
         kind = settings["kind"]
+        if kind == "mesh":
+            _check_mesh_garment(place, settings, layers)
+            continue
         if kind not in MEASURES:
-            raise _error(
-                layers, (*place, "kind"), f"unknown garment {kind!r}", f"allowed are {', '.join(sorted(MEASURES))}"
-            )
+            allowed = f"allowed are {', '.join(sorted([*MEASURES, 'mesh']))}"
+            raise _error(layers, (*place, "kind"), f"unknown garment {kind!r}", allowed)
+        if "vertices" not in settings:
+            raise _error(layers, (*place, "vertices"), "the key is missing", f"garments of kind {kind} need it")
         limits = {measure: (m.low, m.high) for measure, m in MEASURES[kind].items()} | {"vertices": VERTEX_LIMITS[kind]}
         for measure in sorted(set(settings) - {"kind", "fabric", "base", "ranges"}):
             if measure not in limits:
@@ -160,6 +176,22 @@ def _check_garments(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
                 unit = {"vertices": "vertices", "flare": "m/m"}.get(measure, "m")
                 found = f"found {settings[measure]:g}"
                 raise _error(layers, (*place, measure), found, f"allowed are {low:g} to {high:g} {unit} for a {kind}")
+
+
+def _check_mesh_garment(place: tuple, settings: Mapping[str, Any], layers: Sequence[Layer]) -> None:
+    """The file's content is an input of the workflow and checked where it is read."""
+    known = ("file", "worn_as", "scale", "held")
+    for key in sorted(set(settings) - {"kind", "fabric", "base", "ranges"}):
+        if key not in known:
+            raise _error(layers, (*place, key), "a mesh has no such key", f"allowed are {', '.join(known)}")
+    for key in known[:2]:
+        if key not in settings:
+            raise _error(layers, (*place, key), "the key is missing", "a mesh needs file and worn_as")
+    path = Path(settings["file"])
+    if path.suffix.lower() not in MESH_FILES:
+        raise _error(layers, (*place, "file"), f"found {str(path)!r}", f"allowed are names in {', '.join(MESH_FILES)}")
+    if not path.is_file():
+        raise _error(layers, (*place, "file"), f"{str(path)!r} is no file", "name a mesh file, from where you stand")
 
 
 def _check_ranges(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:

@@ -23,7 +23,7 @@ from motions.lead_in import lead_in
 from pipeline.stage import Job
 from sim.motion import checked_motion
 from sim.parameters import base_parameters, sample_parameters
-from sim.pins import check_pins
+from sim.pins import PinSpans
 
 
 @dataclass(frozen=True)
@@ -87,12 +87,12 @@ def checked_inputs(job: Job) -> SimulationInputs:
                 raise ValueError(f"{path}: clip '{clip.name}' is in {origin[clip.name]} too")
             clips[clip.name], origin[clip.name] = clip, path
     used = list(dict.fromkeys(name for _, name, _ in spec["simulations"]))
-    leads = {}
+    leads, pins = {}, PinSpans(template)
     for name in used:
         if name not in clips:
             raise ValueError(f"{', '.join(motion_paths)}: clip '{name}' is not there, but is to be simulated")
         with naming(origin[name], f"clip '{name}'"):
-            leads[name] = _checked_lead(clips[name], body, template, spec)
+            leads[name] = _checked_lead(clips[name], body, pins, spec)
     return SimulationInputs(body, template, {name: clips[name] for name in used}, leads, parameters)
 
 
@@ -107,14 +107,12 @@ def _parameters(spec: Mapping[str, Any]) -> dict[int, dict[str, float]]:
     return sampled
 
 
-def _checked_lead(
-    clip: Clip, body: Body, template: GarmentTemplate, spec: Mapping[str, Any]
-) -> tuple[np.ndarray, np.ndarray]:
+def _checked_lead(clip: Clip, body: Body, pins: PinSpans, spec: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     """The lead-in of a clip; the two together are a motion that the body can make and the pins can follow."""
     if clip.fps != spec["fps"]:
         raise ValueError(f"has {clip.fps:g} frames a second, the run has {spec['fps']:g}")
     lead_pose, lead_root = lead_in(clip, body, spec["lead_in"])
     pose, root = np.concatenate([lead_pose, clip.pose]), np.concatenate([lead_root, clip.root])
     pose, root = checked_motion(pose, root, len(lead_pose), body, clip.fps)
-    check_pins(template, body.joint_transforms(pose, root), len(lead_pose))
+    pins.check(body.joint_transforms(pose, root), len(lead_pose))
     return lead_pose, lead_root

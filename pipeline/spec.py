@@ -26,6 +26,12 @@ def garment_spec(config: Config, garment: str) -> str:
     return canonical({"garment": garment, "geometry": geometry, "body": config["body"]})
 
 
+def garment_files(config: Config, garment: str) -> list[str]:
+    """The user's files that a template is made from: their content counts, not only their names."""
+    settings = config["garments"][garment]
+    return [settings["file"]] if settings["kind"] == "mesh" else []
+
+
 def motions_spec(config: Config, batch: int) -> str:
     """A batch of clips."""
     motions = config["motions"]

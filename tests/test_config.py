@@ -47,7 +47,31 @@ CASES = {
     ),
     "unknown garment": (
         "garments: {skirt: {kind: kilt}}",
-        ["mine.yaml: garments.skirt.kind: unknown garment 'kilt'; allowed are pants, skirt, tshirt"],
+        ["mine.yaml: garments.skirt.kind: unknown garment 'kilt'; allowed are mesh, pants, skirt, tshirt"],
+    ),
+    "a mesh without a file": (
+        "garments: {coat: {kind: mesh, worn_as: dress}}",
+        ["mine.yaml: garments.coat.file: the key is missing; a mesh needs file and worn_as"],
+    ),
+    "a mesh file that is not there": (
+        "garments: {coat: {kind: mesh, worn_as: dress, file: coat.obj}}",
+        ["mine.yaml: garments.coat.file: 'coat.obj' is no file"],
+    ),
+    "a mesh worn as something else": (
+        "garments: {coat: {kind: mesh, worn_as: hat, file: coat.obj}}",
+        ["mine.yaml: garments.coat.worn_as: found 'hat'; allowed are skirt, pants, tshirt, dress"],
+    ),
+    "a measure of a mesh": (
+        "garments: {skirt: {kind: mesh, worn_as: skirt, file: coat.obj}}",
+        ["garments.skirt.ease: a mesh has no such key; allowed are file, worn_as, scale, held"],
+    ),
+    "no number of vertices": (
+        "garments: {coat: {kind: pants}}",
+        ["mine.yaml: garments.coat.vertices: the key is missing; garments of kind pants need it"],
+    ),
+    "a number that is none": (
+        "motions: {fps: .nan}",
+        ["mine.yaml: motions.fps: found nan; allowed are finite numbers"],
     ),
     "centimetres": ("garments: {skirt: {length: 55}}", ["mine.yaml: garments.skirt.length: found 55", "m"]),
     "length outside its kind": (

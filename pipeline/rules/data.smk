@@ -19,6 +19,7 @@ rule compile_kernels:
 
 rule garment:
     input:
+        mesh=lambda w: spec.garment_files(config, w.garment),
         code=stage_sources("make_garment"),
     output:
         f"{RESULTS}/garments/{{garment}}.npz",
@@ -31,7 +32,7 @@ rule garment:
     params:
         spec=lambda w: spec.garment_spec(config, w.garment),
     shell:
-        "python -m pipeline.make_garment --spec {params.spec:q} --out {output} 2>&1 | tee {log}"
+        "python -m pipeline.make_garment --spec {params.spec:q} --out {output} --in {input.mesh:q} 2>&1 | tee {log}"
 
 
 rule motions:
