@@ -1,0 +1,1 @@
+"""What the simulator is measured by: speed beside its peers, cleanliness, agreement with a second solver."""
