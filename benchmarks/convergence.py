@@ -213,8 +213,9 @@ def extrapolated(runs: Sequence[Run]) -> float:
 
 def order_of_convergence(runs: Sequence[Run], material: float) -> float:
     """Power of the time step with which the surplus over the material's stretch falls: slope of the logarithms."""
-    x = np.log([r.dt for r in runs])
-    y = np.log([max(r.stretch - material, 1.0e-12) for r in runs])
+    good = [r for r in runs if r.failure is None]
+    x = np.log([r.dt for r in good])
+    y = np.log([max(r.stretch - material, 1.0e-12) for r in good])
     return float(np.polyfit(x, y, 1)[0])
 
 
