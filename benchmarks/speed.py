@@ -207,27 +207,52 @@ def say(text: str) -> None:
     print(f"[speed] {text}", file=sys.stderr, flush=True)
 
 
+COLUMNS = (
+    ("solver", "solver"),
+    ("settings", "settings"),
+    ("garment", "garment"),
+    ("start", "start"),
+    ("vertices", "verts"),
+    ("worlds", "worlds"),
+    ("substeps", "substeps"),
+    ("contact", "contact"),
+    ("self", "self"),
+    ("threads", "threads"),
+    ("median_ms", "median"),
+    ("p95_ms", "p95"),
+    ("world_ms", "world median"),
+    ("world_p95_ms", "world p95"),
+    ("wall_ms", "wall median"),
+    ("ratio", "ratio"),
+    ("strain_p99_percent", "strain p99 %"),
+    ("strain_max_percent", "max %"),
+    ("inside_percent", "inside %"),
+    ("deepest_mm", "deepest mm"),
+    ("apart_mm", "apart mm"),
+    ("peak_mb", "peak MB"),
+    ("total_s", "total s"),
+    ("imports_s", "imports s"),
+    ("kernels_s", "kernels s"),
+    ("simulation_s", "simulation s"),
+    ("note", "note"),
+)
+"""Key of a row and what stands above its column, in the order of the printed tables."""
+
+
 def table(rows: list[Row]) -> str:
     """Rows as aligned text; a column appears where any row has it, a missing cell is a dash."""
-    names = list(dict.fromkeys(name for row in rows for name in row if name != "note"))
-    if any("note" in row for row in rows):
-        names.append("note")
-    cells = [[_cell(row.get(name)) for name in names] for row in rows]
-    width = [max(len(line[k]) for line in [names, *cells]) for k in range(len(names))]
-    lines = ["  ".join(word.ljust(size) for word, size in zip(line, width)).rstrip() for line in [names, *cells]]
-    return "\n".join(lines)
+    shown = [(key, title) for key, title in COLUMNS if any(row.get(key) is not None for row in rows)]
+    lines = [[title for _, title in shown]] + [[_cell(row.get(key)) for key, _ in shown] for row in rows]
+    width = [max(len(line[k]) for line in lines) for k in range(len(shown))]
+    return "\n".join("  ".join(word.ljust(size) for word, size in zip(line, width)).rstrip() for line in lines)
 
 
 def _cell(value: str | int | float | None) -> str:
     if value is None:
         return "-"
-    return (
-        f"{value:.3g}"
-        if isinstance(value, float) and abs(value) < 1000.0
-        else f"{value:.0f}"
-        if isinstance(value, float)
-        else str(value)
-    )
+    if isinstance(value, float):
+        return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
+    return str(value)
 
 
 def machine() -> dict[str, str]:
@@ -296,7 +321,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="speed_") as folder:
         tables = run_plan(plan, Path(folder))
     print("; ".join(facts.values()))
-    print("times: ms of one core, median and 95th percentile of the recorded frames; ratio: ms a world-frame to ours")
+    print(
+        "median, p95: processor ms a frame over the recorded frames; world: the same a world; ratio: to our one world"
+    )
+    print("inside: vertices in the body, mean over frames; apart: root mean square distance to our one world")
     for name, rows in tables.items():
         if rows:
             print(f"\n{name}\n{table(rows)}")

@@ -169,10 +169,18 @@ def test_cleanliness_sees_what_is_wrong(scene):
 
 
 def test_the_table_has_a_dash_for_what_is_missing_and_notes_last():
-    rows = [{"solver": "a", "note": "gone"}, {"solver": "b", "ms": 1.23456, "mb": 12345.6}]
+    rows = [{"solver": "a", "note": "gone"}, {"solver": "b", "median_ms": 1.23456, "deepest_mm": 12345.6}]
     head, first, second = speed.table(rows).splitlines()
-    assert head.split() == ["solver", "ms", "mb", "note"]
+    assert head.split() == ["solver", "median", "deepest", "mm", "note"]
     assert first.split() == ["a", "-", "-", "gone"] and second.split() == ["b", "1.23", "12346", "-"]
+
+
+def test_every_figure_of_a_row_has_a_column(scene):
+    titles = dict(speed.COLUMNS)
+    frames = np.repeat(scene.vertices[None], FRAMES, axis=0)
+    row = speed._times(np.ones(4), np.ones(4), 2) | speed._judged(scene, frames, frames)
+    assert set(row) | set(speed._row(scene, "a", 1, "own parts", 1)) <= set(titles)
+    assert row["median_ms"] == 1000.0 and row["world_ms"] == 500.0
 
 
 def test_a_wrong_command_line_ends_in_one_sentence():

@@ -13,7 +13,8 @@ stretch        springs along the edges, ``sqrt(3)/2 stretch`` of an   stable Neo
                equilateral lattice; it has no triangles               ``lambda = stretch - 2 shear``: equal under
 shear          follows from the springs (their lattice is isotropic)  uniaxial strain and in simple shear
 compression    as stretch, for both                                   as stretch
-bend           dihedral angle, ``2/sqrt(3) bend`` a hinge             the same a length of edge
+bend           dihedral angle, ``2/sqrt(3) bend`` a hinge, over       dihedral angle, the same hinge over the length
+               ``2 A``: its gradient lacks that division              of its edge
 damping        ``stretch_damping`` and ``bend_damping`` times the stiffness
 air_drag       a force on every particle, ``air_drag`` times area and velocity
 friction       ``friction`` on both sides of the contact
@@ -91,13 +92,12 @@ def _move_pins(
     end: wp.array(dtype=wp.vec3),
     first: wp.array(dtype=float),
     step: float,
-    rate: float,
     q: wp.array(dtype=wp.vec3),
     qd: wp.array(dtype=wp.vec3),
 ):
     i = wp.tid()
     q[pinned[i]] = start[i] + (first[0] + step) * (end[i] - start[i])
-    qd[pinned[i]] = rate * (end[i] - start[i])
+    qd[pinned[i]] = wp.vec3(0.0)  # a step would carry them on by it
 
 
 @wp.kernel
@@ -169,11 +169,10 @@ class NewtonCloth:
     def _substeps(self) -> None:
         """The substeps between two detections; an even number, so that the states end where they began."""
         scene, settings = self.scene, self.settings
-        rate = scene.fps / scene.parameters["time_scale"]
         for k in range(settings.substeps // settings.detections):
             now, then = self.states[k % 2], self.states[1 - k % 2]
             if len(scene.pinned):
-                inputs = [self.pinned, self.pin_start, self.pin_end, self.first, (k + 1.0) / settings.substeps, rate]
+                inputs = [self.pinned, self.pin_start, self.pin_end, self.first, (k + 1.0) / settings.substeps]
                 wp.launch(_move_pins, len(scene.pinned), inputs, [now.particle_q, now.particle_qd])
             inputs = [self.contacts.soft_contact_count, self.contacts.soft_contact_body_vel, self.dt]
             wp.launch(_carry_contacts, self.contacts.soft_contact_max, inputs, [self.contacts.soft_contact_body_pos])
@@ -187,7 +186,7 @@ def _model(scene: Scene, settings: NewtonSettings) -> tuple[newton.Model, newton
     builder = newton.ModelBuilder(up_axis=newton.Axis.Y, gravity=(0.0, -p["gravity"], 0.0))
     hinge = hinge_stiffness(p["bend"])
     if settings.solver == "xpbd":
-        # Its gradient of the angle lacks a division by twice the triangle's area (measured: one hinge's force).
+        # Measured on one hinge: the force is 2 A times the one of the energy, the gradient lacks that division.
         hinge /= 0.5 * np.sqrt(3.0) * edge**2
         spring = spring_stiffness(p["stretch"])
         material = {
