@@ -27,6 +27,7 @@ from benchmarks.clean_table import ClipReport, report_text
 from body.skeleton import JOINT_NAMES
 
 if TYPE_CHECKING:
+    from benchmarks.worst_frames import Album
     from body.model import Body
     from motions.clip import Clip
     from sim.buried import Closure
@@ -186,8 +187,12 @@ def _place(found: Crossings, body: Body) -> str:
     return JOINT_NAMES[body.part_of_vertex[body.faces[found.triangle_face[worst], 0]]]
 
 
-def survey(arguments: argparse.Namespace) -> list[ClipReport]:
-    """Every clip under every garment, with a line of progress for each; pictures of the worst frames if asked for."""
+def survey(arguments: argparse.Namespace) -> tuple[list[ClipReport], Album | None]:
+    """Every clip under every garment, with a line of progress for each clip.
+
+    Returns:
+        A report for every clip and garment, and the worst frames if pictures of them are asked for.
+    """
     from body.model import Body
     from pipeline.config import load_config
     from sim.buried import ClosureFinder
@@ -203,21 +208,22 @@ def survey(arguments: argparse.Namespace) -> list[ClipReport]:
         from benchmarks.worst_frames import Album
 
         album = Album(body.faces, arguments.worst)
-    for clip in islice(clips, arguments.limit):
-        posed = body.posed(clip.pose, clip.root)
-        gap = 2.0 * subjects[0].parameters["thickness"]
-        closures = [finder.at(vertices, gap) for vertices in posed]
-        for subject in subjects:
-            report = survey_clip(subject, clip, config["motions"]["lead_in"], posed, closures)
-            if album is not None:
-                album.keep(report, subject, posed, closures)
-            report.positions = None
-            reports.append(report)
-        minutes = (time.perf_counter() - started) / 60.0
-        print(f"[cleanliness] {clip.name} done, {minutes:.1f} min", file=sys.stderr, flush=True)
-    if album is not None:
-        album.draw(arguments.pictures)
-    return reports
+    try:
+        for clip in islice(clips, arguments.limit):
+            posed = body.posed(clip.pose, clip.root)
+            gap = 2.0 * subjects[0].parameters["thickness"]
+            closures = [finder.at(vertices, gap) for vertices in posed]
+            for subject in subjects:
+                report = survey_clip(subject, clip, config["motions"]["lead_in"], posed, closures)
+                if album is not None:
+                    album.keep(report, subject, posed, closures)
+                report.positions = None
+                reports.append(report)
+            minutes = (time.perf_counter() - started) / 60.0
+            print(f"[cleanliness] {clip.name} done, {minutes:.1f} min", file=sys.stderr, flush=True)
+    except KeyboardInterrupt:
+        print("[cleanliness] interrupted: what is done so far follows", file=sys.stderr, flush=True)
+    return reports, album
 
 
 def main(given: Sequence[str] | None = None) -> None:
@@ -238,16 +244,18 @@ def main(given: Sequence[str] | None = None) -> None:
     parser.add_argument("--json", help="file for every figure of every frame")
     arguments = parser.parse_args(given)
     try:
-        reports = survey(arguments)
+        reports, album = survey(arguments)
     except (ValueError, OSError) as error:
         parser.error(str(error))
     if not reports:
         parser.error("no clip was found")
-    print(report_text(reports, arguments.worst))
+    print(report_text(reports, arguments.worst), flush=True)
     if arguments.json:
         from datasets.atomic import write_text
 
         write_text(arguments.json, json.dumps([report.as_dict() for report in reports]) + "\n")
+    if album is not None:
+        album.draw(arguments.pictures)
 
 
 if __name__ == "__main__":

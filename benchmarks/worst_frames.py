@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -94,6 +96,9 @@ class Album:
         return paths
 
     def _draw_one(self, sight: Sight, path: Path) -> None:
+        if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+            # Without a display VTK would try X first and complain on every window.
+            os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
         import pyvista as pv
 
         plotter = pv.Plotter(off_screen=True, shape=(1, 2), window_size=SIZE, border=False)
@@ -103,8 +108,10 @@ class Album:
             body = pv.PolyData.from_regular_faces(sight.body.astype(np.float32), self.body_faces)
             cloth = pv.PolyData.from_regular_faces(sight.cloth.astype(np.float32), sight.faces)
             cloth.cell_data["colour"] = sight.colours
-            plotter.add_mesh(body, color=(0.86, 0.76, 0.68), smooth_shading=column == 0)
-            plotter.add_mesh(cloth, scalars="colour", rgb=True, show_edges=column == 1, edge_color="#7a8288")
+            plotter.add_mesh(body, color=(0.86, 0.76, 0.68), smooth_shading=column == 0, ambient=0.2)
+            plotter.add_mesh(
+                cloth, scalars="colour", rgb=True, show_edges=column == 1, edge_color="#7a8288", ambient=0.3
+            )
             target = sight.body.mean(axis=0) if column == 0 else sight.focus
             # From a little above, never from straight below or above.
             direction = sight.outward + np.array([0.0, 0.25, 0.0])

@@ -75,6 +75,20 @@ def test_gap_between_two_balls():
     assert not finder.at(points, 0.005).gaps.any()  # 10 mm at the narrowest
 
 
+def test_gap_is_seen_from_either_side_and_measured_along_the_normal():
+    """A small box before a large one: the centres of the large faces see past it, it sees them."""
+    cube = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    sides = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
+    sides = np.array([*sides, [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])
+    points = np.concatenate([cube, 0.05 * cube + [0.85, 0.75, 1.06]])  # 10 mm before the side at z = 1
+    finder = ClosureFinder(np.concatenate([sides, sides + 8]), "cpu")
+    assert not finder.at(points, 0.0099).gaps.any()
+    gaps = np.flatnonzero(finder.at(points, 0.0101).gaps)
+    small, large = gaps[gaps >= 12] - 12, gaps[gaps < 12]
+    np.testing.assert_array_equal(small, [8, 9])  # its side at z = -1
+    assert set(large) < {10, 11} and len(large) == 1
+
+
 def test_one_finder_follows_the_pose():
     finder = ClosureFinder(PAIR_FACES, "cpu")
     apart, into = (np.concatenate([BALL, BALL + [0.0, y, 0.1]]) for y in (3.0, 1.2))

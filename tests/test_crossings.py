@@ -103,7 +103,7 @@ def test_depth_below_the_faces_of_a_box(place):
     inside = (np.abs(points[:, [0, 2]]) < 0.5).all(axis=1)
     np.testing.assert_array_equal(found.vertex_depth > 0.0, inside)
     expected = 0.5 - np.abs(points[inside]).max(axis=1)
-    np.testing.assert_allclose(found.vertex_depth[inside], expected, atol=1e-4 if place.any() else 1e-6)
+    np.testing.assert_allclose(found.vertex_depth[inside], expected, atol=1e-6)
     corners = inside[faces]
     assert (found.body_count > 0)[corners.any(axis=1) & ~corners.all(axis=1)].all()  # those across the rim cross it
     assert not found.body_count[corners.all(axis=1)].any()
