@@ -32,7 +32,7 @@ class SimulationInputs:
 
     Attributes:
         body: The body, in the shape of the run.
-        template: The garment, made for that body.
+        template: The garment; whether it was made for that body is asked by the simulator.
         clips: Every clip that the shard simulates, by name.
         leads: Pose [L, 24, 3] and root [L, 3] of the lead-in of each clip.
         parameters: Every intrinsic parameter, by the number of the parameter set.
@@ -72,11 +72,6 @@ def checked_inputs(job: Job) -> SimulationInputs:
     template = GarmentTemplate.load(template_path)
     with naming(template_path):
         what = f"garment '{template.name}'"
-        if template.body_digest != body.digest:
-            raise ValueError(
-                f"{what} was made for body '{template.body_name}' ({template.body_digest}), not for '{body.name}' "
-                f"({body.digest})"
-            )
         check_size_and_place(what, template.vertices, body)
         check_uncrossed(what, template.vertices, template.faces)
 

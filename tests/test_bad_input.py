@@ -6,7 +6,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -219,8 +219,8 @@ def run(tmp_path, monkeypatch, body, skirt):
 
     monkeypatch.setattr(Simulator, "run", simulated)
 
-    def start(spec: dict) -> str:
-        arguments = ["--spec", json.dumps(spec), "--in", str(template), str(motions), "--out", str(shard)]
+    def start(spec: dict, inputs: Sequence[Path] = (template, motions)) -> str:
+        arguments = ["--spec", json.dumps(spec), "--in", *map(str, inputs), "--out", str(shard)]
         monkeypatch.setattr(sys, "argv", ["simulate.py", *arguments, "--device", "cpu"])
         with pytest.raises(SystemExit) as exit:
             run_stage(stage.main)
@@ -316,6 +316,10 @@ def test_a_faulty_motion_ends_the_stage(run, fault):
 def test_motions_that_do_not_belong_to_the_run_end_the_stage(run, body):
     said = run(spec_of(simulations=[[0, "walk_000", 0]]))
     assert f"{run.motions}: clip 'walk_000' is not there" in said
+    said = run(spec_of(), [run.template])
+    assert "--in: a garment template and motion files are needed, got 1 files" in said
+    said = run(spec_of(), [run.template, run.motions, run.motions])
+    assert f"{run.motions}: clip 'still_000' is in {run.motions} too" in said
     said = run(spec_of(fps=60.0))
     assert f"{run.motions}, clip 'still_000': has 30 frames a second, the run has 60" in said
 

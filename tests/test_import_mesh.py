@@ -14,6 +14,7 @@ import trimesh
 
 import pipeline.make_garment as stage
 from body.model import Body
+from garments import mesh_file
 from garments.build import build_template
 from garments.import_mesh import import_garment
 from garments.mesh_file import read_mesh
@@ -115,6 +116,16 @@ def test_files_that_are_no_mesh(tmp_path, name, content, message):
     with pytest.raises(ValueError, match=message) as caught:
         read_mesh(tmp_path / name)
     assert str(caught.value).startswith(str(tmp_path / name))
+
+
+def test_files_that_are_too_large(tmp_path, monkeypatch, skirt):
+    path = written(tmp_path / "a.obj", skirt.vertices, skirt.faces)
+    monkeypatch.setattr(mesh_file, "MAX_VERTICES", 249)
+    with pytest.raises(ValueError, match=r"a\.obj: 250 vertices, at most 249 are read"):
+        read_mesh(path)
+    monkeypatch.setattr(mesh_file, "MAX_BYTES", 1000)
+    with pytest.raises(ValueError, match=r"a\.obj: 0 MiB, at most 0 MiB is read"):
+        read_mesh(path)
 
 
 MESHES: dict[str, tuple[Callable[[GarmentTemplate], tuple[np.ndarray, np.ndarray]], str]] = {
