@@ -9,7 +9,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.agreement import apart, compare, draped_sheet, extrapolated, hanging_strip, row_sags, skirt
+from benchmarks.agreement import (
+    apart,
+    compare,
+    draped_sheet,
+    extrapolated,
+    hanging_strip,
+    row_sags,
+    side_held_sheet,
+    skirt,
+)
 
 
 @pytest.mark.parametrize("stretch", [100.0, 1000.0])
@@ -26,6 +35,16 @@ def test_hanging_strip_has_the_sag_of_statics_in_both(stretch):
     # ... and which goes with the square of the substep, so that two runs tell it from the material's.
     limit = row_sags(scene, extrapolated(results))[0]
     np.testing.assert_allclose(limit, implicit, atol=0.02 * implicit[-1] + 3e-5)
+
+
+def test_side_held_sheet_shears_alike():
+    scene = side_held_sheet(20.0)
+    implicit = scene.implicit(4)[-1]
+    results = {n: scene.xpbd(n)[-1] for n in (64, 128)}
+    fallen = apart(implicit, scene.template.vertices.astype(np.float64))
+    assert fallen > 1e-3
+    assert apart(results[128], implicit) < 0.05 * fallen
+    assert apart(extrapolated(results), implicit) < 0.01 * fallen
 
 
 def test_sheet_on_a_ball_takes_one_shape():

@@ -305,9 +305,9 @@ def test_motions_carry_body_and_pins(scene, clip):
 
 def test_rotations_do_not_jump_in_sign(clip, tmp_path):
     template, body, pose, root, _ = clip
-    turning = pose.copy()
-    turning[:, 0, 1] = np.linspace(0.0, 4.5, len(pose))  # past half a turn
-    written = write_scene(tmp_path, template, body, turning, root, LEAD_IN, base_parameters())
+    turning = np.tile(pose[:1], (40, 1, 1))
+    turning[:, 0, 1] = np.linspace(0.0, 6.2, 40)  # a full turn
+    written = write_scene(tmp_path, template, body, turning, np.tile(root[:1], (40, 1)), LEAD_IN, base_parameters())
     for motion in loaded(written)["motions"]:
         turns = [key["transform"]["rotate"] for key in motion if "rotate" in key["transform"]]
         if turns:
