@@ -367,6 +367,11 @@ def test_the_command_itself_says_one_sentence_and_leaves_nothing(tmp_path, body,
 # --- shards ----------------------------------------------------------------------------------------------------------
 
 
+def without_values(file: h5py.File) -> None:
+    del file["sequences/0000/parameters"]
+    file["sequences/0000/parameters"] = np.zeros(0)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -375,6 +380,7 @@ def test_the_command_itself_says_one_sentence_and_leaves_nothing(tmp_path, body,
         (lambda f: f.__delitem__("garment/vertices"), "'vertices' doesn't exist"),
         (lambda f: f["sequences/0000"].attrs.__delitem__("clip"), "'clip'"),
         (lambda f: f.__delitem__("parameters"), "the shard lacks a part"),
+        (without_values, r"sequence walk: parameters \[\] do not fit the shard"),
     ],
 )
 def test_a_damaged_shard_is_named(tmp_path, change, message):
