@@ -300,6 +300,7 @@ def convergence_figure(rows: Sequence[Row]):
                     law = [(row["substeps"], row["artificial_law_mm"]) for row in one]
                     axes.plot(*zip(*law), "--", color=colour, lw=0.9)
             axes.set_xscale("log", base=2)
+            axes.set_xticks(substeps := sorted({int(row["substeps"]) for row in mine}), [str(n) for n in substeps])
             axes.set_yscale("log")
             axes.set_xlabel("substeps a frame")
             axes.set_title(f"{scene}: {label}", fontsize=9, loc="left")

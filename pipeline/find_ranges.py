@@ -38,7 +38,13 @@ from sim.range_finder import (
 )
 from sim.result import SimulationResult
 from sim.settings import SimulationSettings
-from sim.simulate import Simulator
+from sim.simulate import Simulator, World
+
+LANES = 16
+"""Parameter sets that are simulated at once."""
+
+FEW = 4
+"""Fewer sets than these are faster one after the other."""
 
 
 def main(job: Job) -> None:
@@ -49,7 +55,7 @@ def main(job: Job) -> None:
     template = GarmentTemplate.load(job.inputs[0])
     clips = liveliest(read_clips(job.inputs[1]), template, body, search["clips"], search["frames"])
     settings = SimulationSettings(fps=spec["fps"], device=job.device, settle_seconds=spec["settle"])
-    attempt = Attempt(Simulator(template, body, settings), clips, spec["lead_in"], search["criteria"])
+    attempt = Attempt(template, body, settings, clips, spec["lead_in"], search["criteria"])
     base, limits = base_parameters(spec["base"]), _limits(search["limits"])
 
     steps = SearchSettings(search["factor"], search["share"], search["bisections"])
@@ -69,34 +75,62 @@ def main(job: Job) -> None:
 
 
 class Attempt:
-    """Tries parameter sets: every clip is simulated, and the worst of each figure is judged."""
+    """Tries parameter sets: every clip is simulated, and the worst of each figure is judged.
 
-    def __init__(self, simulator: Simulator, clips: Sequence[Clip], lead: int, criteria: Mapping[str, float]):
-        self.simulator, self.criteria = simulator, criteria
+    Sets with the same number of substeps are simulated side by side, one a SIMD lane.
+    """
+
+    def __init__(
+        self,
+        template: GarmentTemplate,
+        body: Body,
+        settings: SimulationSettings,
+        clips: Sequence[Clip],
+        lead: int,
+        criteria: Mapping[str, float],
+    ):
+        self.criteria, self.fps, self.lead = criteria, settings.fps, lead
+        self.one = Simulator(template, body, settings)
+        self.many = Simulator(template, body, settings, worlds=LANES)
         self.motions = []
         for clip in clips:
-            lead_pose, lead_root = lead_in(clip, simulator.body, lead)
-            self.motions.append((np.concatenate([lead_pose, clip.pose]), np.concatenate([lead_root, clip.root]), lead))
-        self.progress = Progress(f"ranges {simulator.template.name}", 0, "parameter sets")
+            lead_pose, lead_root = lead_in(clip, body, lead)
+            self.motions.append((np.concatenate([lead_pose, clip.pose]), np.concatenate([lead_root, clip.root])))
+        self.progress = Progress(f"ranges {template.name}", 0, "parameter sets")
 
     def __call__(self, sets: Sequence[Mapping[str, float]]) -> list[Outcome]:
         self.progress.total += len(sets)
-        outcomes = []
-        for values in sets:
-            outcomes.append(self._outcome(values))
-            self.progress(note="" if outcomes[-1].cause is None else outcomes[-1].sentence)
+        outcomes: dict[int, Outcome] = {}
+        for chunk in side_by_side([round(values["substeps"]) for values in sets]):
+            outcomes |= zip(chunk, self._together([sets[index] for index in chunk]))
+            self.progress(len(chunk))
+        return [outcomes[index] for index in range(len(sets))]
+
+    def _together(self, sets: Sequence[Mapping[str, float]]) -> list[Outcome]:
+        worst: list[dict[str, float]] = [{} for _ in sets]
+        outcomes: list[Outcome] = [Outcome({}) for _ in sets]
+        for pose, root in self.motions:
+            # One bad clip is enough.
+            holding = [index for index, outcome in enumerate(outcomes) if outcome.cause is None]
+            worlds = [World(pose, root, sets[index]) for index in holding]
+            for index, result in zip(holding, self._run(worlds)):
+                figures = measured(result, self.fps)
+                worst[index] = {k: float(np.maximum(v, worst[index].get(k, v))) for k, v in figures.items()}
+                outcomes[index] = judge(worst[index], self.criteria, result.failure)
         return outcomes
 
-    def _outcome(self, values: Mapping[str, float]) -> Outcome:
-        worst: dict[str, float] = {}
-        for pose, root, lead in self.motions:
-            result = self.simulator.run(pose, root, lead, values)
-            figures = measured(result, self.simulator.settings.fps)
-            worst = {name: float(np.maximum(value, worst.get(name, value))) for name, value in figures.items()}
-            outcome = judge(worst, self.criteria, result.failure)
-            if outcome.cause is not None:
-                break  # one bad clip is enough
-        return outcome
+    def _run(self, worlds: Sequence[World]) -> list[SimulationResult]:
+        if len(worlds) < FEW:
+            return [result for world in worlds for result in self.one.run_worlds([world], self.lead)]
+        return self.many.run_worlds(worlds, self.lead)
+
+
+def side_by_side(substeps: Sequence[int]) -> list[list[int]]:
+    """Indices of the sets that are simulated together: at most as many as there are lanes, of the same substeps."""
+    groups: dict[int, list[int]] = {}
+    for index, count in enumerate(substeps):
+        groups.setdefault(count, []).append(index)
+    return [group[start : start + LANES] for group in groups.values() for start in range(0, len(group), LANES)]
 
 
 def measured(result: SimulationResult, fps: float) -> dict[str, float]:
