@@ -288,6 +288,8 @@ def test_a_faulty_template_ends_the_stage(run, skirt, fault):
 
 
 def test_a_file_that_is_no_template_ends_the_stage(run):
+    altered(run.template, pieces=np.array(0))
+    assert f"{run.template}: 'pieces' must be a whole number from 1 on, got 0" in run(spec_of())
     run.template.write_bytes(run.template.read_bytes()[:200])
     assert f"{run.template}: not a readable garment template" in run(spec_of())
     run.template.unlink()
