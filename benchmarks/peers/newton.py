@@ -71,6 +71,10 @@ XPBD_FEW_SUBSTEPS = NewtonSettings("xpbd", substeps=32, iterations=1, damping=0.
 VBD = NewtonSettings("vbd", substeps=16, iterations=10)
 
 
+PIN_MASS = 1.0e3
+"""Mass of VBD's pins [kg]: ten million times that of a vertex."""
+
+
 @wp.kernel
 def _move_points(
     start: wp.array(dtype=wp.vec3),
@@ -92,12 +96,13 @@ def _move_pins(
     end: wp.array(dtype=wp.vec3),
     first: wp.array(dtype=float),
     step: float,
+    rate: float,
     q: wp.array(dtype=wp.vec3),
     qd: wp.array(dtype=wp.vec3),
 ):
     i = wp.tid()
     q[pinned[i]] = start[i] + (first[0] + step) * (end[i] - start[i])
-    qd[pinned[i]] = wp.vec3(0.0)  # a step would carry them on by it
+    qd[pinned[i]] = rate * (end[i] - start[i])
 
 
 @wp.kernel
@@ -169,10 +174,11 @@ class NewtonCloth:
     def _substeps(self) -> None:
         """The substeps between two detections; an even number, so that the states end where they began."""
         scene, settings = self.scene, self.settings
+        rate = scene.fps / scene.parameters["time_scale"]
         for k in range(settings.substeps // settings.detections):
             now, then = self.states[k % 2], self.states[1 - k % 2]
             if len(scene.pinned):
-                inputs = [self.pinned, self.pin_start, self.pin_end, self.first, (k + 1.0) / settings.substeps]
+                inputs = [self.pinned, self.pin_start, self.pin_end, self.first, k / settings.substeps, rate]
                 wp.launch(_move_pins, len(scene.pinned), inputs, [now.particle_q, now.particle_qd])
             inputs = [self.contacts.soft_contact_count, self.contacts.soft_contact_body_vel, self.dt]
             wp.launch(_carry_contacts, self.contacts.soft_contact_max, inputs, [self.contacts.soft_contact_body_pos])
@@ -222,8 +228,10 @@ def _model(scene: Scene, settings: NewtonSettings) -> tuple[newton.Model, newton
         particle_radius=p["thickness"],
         **material,
     )
+    # Pins begin each step where they are and move in it by their velocity. VBD leaves a particle without inverse mass
+    # where it is, so that its damping would pull the neighbours back: there, pins are very heavy instead.
     for index in scene.pinned.tolist():
-        builder.particle_mass[index] = 0.0
+        builder.particle_mass[index] = 0.0 if settings.solver == "xpbd" else PIN_MASS
     builder.color(include_bending=True)
     model = builder.finalize(device="cpu")
     model.edge_rest_angle.zero_()  # sheets that are flat at rest, as ours
