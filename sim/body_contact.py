@@ -19,6 +19,10 @@ LIMB_RADIUS = 0.05
 """Radius of the narrower limbs, knee and elbow [m]: sets how much coarse triangles stand off."""
 
 
+TURNS = 8
+"""A vertex whose world has a motion of its own is searched for exactly in one query of this many."""
+
+
 class BodyContact:
     """Surfaces of a skinned body, one a motion, and the contacts of every lane's garment with its own."""
 
@@ -32,6 +36,7 @@ class BodyContact:
         standoff: np.ndarray,
         skeleton: Skeleton,
         reach: float,
+        beside: np.ndarray,
         device: str,
     ):
         """Keep the part of the body that the garment can meet.
@@ -44,7 +49,8 @@ class BodyContact:
             parts: Faces of each part and the parts of each garment vertex.
             standoff: Distance that each vertex keeps besides the thickness [m], shape [V]; see :func:`sag`.
             skeleton: Transforms that move the body.
-            reach: Radius of the closest-point query [m].
+            reach: Distance up to which a vertex is followed [m].
+            beside: Two neighbours of each vertex in the garment, shape [V, 2].
             device: Warp device.
         """
         self.device, self.skeleton, self.reach = device, skeleton, float(reach)
@@ -67,7 +73,11 @@ class BodyContact:
         # The parts of a motion share its points at the interval's end; the trees follow by a refit.
         self.skin.end.assign(np.tile(bind, (motions, 1)).astype(np.float32))
         self.meshes = [
-            wp.Mesh(self.skin.end[m * len(used) : (m + 1) * len(used)], wp.array(f.ravel(), dtype=int, device=device))
+            wp.Mesh(
+                self.skin.end[m * len(used) : (m + 1) * len(used)],
+                wp.array(f.ravel(), dtype=int, device=device),
+                bvh_leaf_size=4,
+            )
             for m in range(motions)
             for f in part_faces
         ]
@@ -82,6 +92,8 @@ class BodyContact:
         surface.first_face = wp.array(offsets.astype(np.int32), dtype=int, device=device)
         surface.faces = self.faces
         surface.neighbours = wp.array(np.concatenate(across) if across else stacked, dtype=wp.vec3i, device=device)
+        part = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)
+        surface.part = wp.array(part, dtype=int, device=device)
         surface.points, surface.normals = self.skin.end, self.normals_end
         surface.part_count, surface.body_count = len(part_faces), len(used)
         self.surface = surface
@@ -96,9 +108,13 @@ class BodyContact:
         self.distance = wp.zeros(self.count, dtype=scalars(width), device=device)
         self.planes = [wp.zeros(self.count, dtype=vectors(width), device=device) for _ in range(4)]
         self.shared_motion = int(width > 1 and motions == 1)
+        # The lanes of one motion learn from each other, so that fewer need to be searched for.
+        self.turns = 2 * width if self.shared_motion else TURNS
+        self.beside = wp.array(np.asarray(beside, dtype=np.int32), dtype=wp.vec2i, device=device)
+        self._turn = 0
 
     def distances(self) -> np.ndarray:
-        """Signed distance of each vertex to its body at the last query [m], shape [W, V]; at most the reach."""
+        """Signed distance of each vertex to its body at the last query [m], [W, V]; out of reach a lower bound."""
         return self.distance.numpy().T
 
     def launch_motion(self) -> None:
@@ -124,15 +140,43 @@ class BodyContact:
         wp.launch(kernels.solve_contact, self.count, inputs, [x], device=self.device)
 
     def find(
-        self, inverse_mass: wp.array, parameters: wp.array, x: wp.array, passes: int = 3, reach: float | None = None
+        self,
+        inverse_mass: wp.array,
+        parameters: wp.array,
+        v: wp.array,
+        x: wp.array,
+        steps: int = 0,
+        passes: int = 3,
+        reach: float | None = None,
     ) -> None:
-        """Refit to the end of the interval, put vertices outside and cache their contacts. Never inside a graph."""
+        """Refit to the end of the interval, put vertices outside and cache their contacts. Never inside a graph.
+
+        Args:
+            inverse_mass: Of the vertices, 0 where pinned, shape [V].
+            parameters: Constants of the worlds.
+            v: Velocities [m/s], shape [V].
+            x: Positions [m], shape [V]; moved where they are too deep.
+            steps: Substeps since the last call.
+            passes: How often a vertex is moved out at most; 0 only measures.
+            reach: Distance up to which vertices are looked for [m] where it differs from that of the motion.
+        """
         if not self.meshes:
             return
         for mesh in self.meshes:
             mesh.refit()
-        inputs = [self.reach if reach is None else reach, passes, self.skeleton.device_lane_motion, self.shared_motion]
-        inputs += [inverse_mass, self.standoff, self.owned, self.surface, parameters]
+        self._turn = (self._turn + 1) % self.turns
+        inputs = [self.reach if reach is None else reach, passes, self._turn, self.turns]
+        inputs += [
+            float(steps),
+            self.skin.travel,
+            self.skeleton.device_lane_motion,
+            self.shared_motion,
+            inverse_mass,
+            self.standoff,
+            self.owned,
+            self.beside,
+        ]
+        inputs += [self.surface, parameters, v]
         outputs = [x, self.near, self.face, self.barycentric, self.lean, self.clearance, self.distance]
         wp.launch(query.find_contacts, self.count, inputs, outputs, device=self.device)
 
@@ -140,6 +184,8 @@ class BodyContact:
         """Drop the cached contacts, before the garment is put somewhere else."""
         self.near.zero_()
         self.face.fill_(-1)
+        self.distance.zero_()
+        self._turn = 0
 
 
 def sag(edges: np.ndarray, edge_length: np.ndarray, vertex_count: int) -> np.ndarray:
@@ -152,6 +198,15 @@ def sag(edges: np.ndarray, edge_length: np.ndarray, vertex_count: int) -> np.nda
     total = np.bincount(ends, np.repeat(edge_length, 2), minlength=vertex_count)
     mean = total / np.maximum(np.bincount(ends, minlength=vertex_count), 1)
     return mean**2 / (8.0 * LIMB_RADIUS)
+
+
+def two_neighbours(edges: np.ndarray, vertex_count: int) -> np.ndarray:
+    """Two neighbours of each vertex, opposite as far as its list of edges goes, shape [V, 2]."""
+    both = np.concatenate([edges, edges[:, ::-1]])
+    both = both[np.argsort(both[:, 0], kind="stable")]
+    counts = np.bincount(both[:, 0], minlength=vertex_count)
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    return np.stack([both[first, 1], both[first + counts // 2, 1]], axis=1).astype(np.int32)
 
 
 def corner_table(faces: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:

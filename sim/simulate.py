@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim.body_contact import BodyContact, sag
+from sim.body_contact import BodyContact, sag, two_neighbours
 from sim.body_motion import PELVIS, moved, pelvis_positions, query_times, transforms_at
 from sim.body_parts import own_parts, whole_body
 from sim.compile import resolve_device
@@ -246,7 +246,8 @@ class Simulator:
             parts = whole_body(len(body.faces), len(template.vertices))
         standoff = sag(self.rest.topology.edges, self.rest.edge_length, len(template.vertices))
         surface = (body.vertices, body.faces, body.skin_index, body.skin_weight)
-        return BodyContact(*surface, parts, standoff, skeleton, self.settings.reach, device)
+        beside = two_neighbours(self.rest.topology.edges, len(template.vertices))
+        return BodyContact(*surface, parts, standoff, skeleton, self.settings.reach, beside, device)
 
     def _lanes(self, worlds: Sequence[World]) -> list[World]:
         """A world for every lane; ``ValueError`` for too many or none, or motions that cannot go together."""

@@ -145,7 +145,7 @@ class XpbdSolver:
         self.v.assign(self._in_lanes(np.asarray(still)))
         self.crease.zero_() if crease is None else self.crease.assign(crease)
         if self.contact is not None:
-            self.contact.find(self.inverse_mass, self.parameters, self.x, passes, reach)
+            self.contact.find(self.inverse_mass, self.parameters, self.v, self.x, 0, passes, reach)
 
     def advance(self, substeps: int, transforms: np.ndarray, origins: np.ndarray) -> None:
         """Simulate one query interval.
@@ -164,7 +164,7 @@ class XpbdSolver:
             self._graphs[key] = capture.graph
         wp.capture_launch(self._graphs[key])
         if self.contact is not None:
-            self.contact.find(self.inverse_mass, self.parameters, self.x)
+            self.contact.find(self.inverse_mass, self.parameters, self.v, self.x, substeps)
 
     def local_positions(self) -> np.ndarray:
         """Positions relative to each lane's floating origin [m], shape [W, V, 3], float32."""

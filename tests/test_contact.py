@@ -12,7 +12,7 @@ from body.model import Body
 from garments.template import GarmentTemplate
 from geometry.proximity import closest_surface
 from geometry.rotations import axis_angle_to_matrix, matrix_to_axis_angle
-from sim.body_contact import BodyContact, sag
+from sim.body_contact import BodyContact, sag, two_neighbours
 from sim.body_parts import own_parts, whole_body
 from sim.compile import resolve_device
 from sim.parameters import base_parameters
@@ -49,7 +49,15 @@ def cloth_on(body: trimesh.Trimesh, vertices: np.ndarray, faces: np.ndarray, dt:
     standoff = sag(rest.topology.edges, rest.edge_length, len(vertices))
     parts = whole_body(len(body.faces), len(vertices))
     contact = BodyContact(
-        body.vertices, np.asarray(body.faces), *one, parts, standoff, skeleton, reach=0.05, device=DEVICE
+        body.vertices,
+        np.asarray(body.faces),
+        *one,
+        parts,
+        standoff,
+        skeleton,
+        reach=0.05,
+        beside=two_neighbours(rest.topology.edges, len(vertices)),
+        device=DEVICE,
     )
     solver = XpbdSolver(rest, skeleton, contact, Skin(np.zeros((0, 3)), one[0][:0], one[1][:0], 1, DEVICE), DEVICE)
     solver.set_parameters(base_parameters({"air_drag": 0.0, **values}), dt)

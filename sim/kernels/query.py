@@ -1,8 +1,9 @@
 """Closest points of the body to the garment's vertices, at the end of a query interval.
 
-Worlds that share a motion share the search: one tree query from their mean position finds a seed, from which each lane
-*walks* over the surface, as it does from its face of the last query; the nearer end counts. A world of its own, or one
-that strayed far from the mean, is searched for by itself.
+A search of the body's tree takes a microsecond a vertex, a *walk* over the surface from the face of the last query a
+tenth of it. So a vertex near the body walks, and a face that another found is tried too, for a walk can end in a local
+minimum; in turn, one vertex in a few is searched for exactly. A vertex far from the body is left alone until it
+and the body together could have covered the distance.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import warp as wp
 
 from sim.kernels.contact import FAR, blend
 from sim.kernels.lanes import LANE_OPTIONS, WIDTHS, declare
-from sim.kernels.parameters import THICKNESS
+from sim.kernels.parameters import DT, THICKNESS
 
 wp.set_module_options(LANE_OPTIONS)
 
@@ -22,7 +23,15 @@ wp.set_module_options(LANE_OPTIONS)
 _ALIGNED = wp.constant(0.5)
 # Below this distance [m] the direction from the closest point is rounding noise and the normal decides alone.
 _TOUCHING = wp.constant(1.0e-4)
-_LONGEST_WALK = wp.constant(16)
+_LONGEST_WALK = wp.constant(24)
+_LONGEST_CIRCLE = wp.constant(8)
+# How much further than the reach a search looks [1]: what it finds there is left alone for a while.
+_LOOKOUT = wp.constant(3.0)
+# The way of a vertex is taken from its velocity at the end, with this margin [1] and [m] for what it was before.
+_MARGIN = wp.constant(1.5)
+_MARGIN_LENGTH = wp.constant(0.002)
+# A neighbour's face must be this much nearer [1] to be worth a walk.
+_NEARER = wp.constant(0.99)
 
 
 @wp.struct
@@ -33,6 +42,7 @@ class Surface:
     first_face: wp.array(dtype=int)
     faces: wp.array(dtype=wp.vec3i)
     neighbours: wp.array(dtype=wp.vec3i)
+    part: wp.array(dtype=int)
     points: wp.array(dtype=wp.vec3)
     normals: wp.array(dtype=wp.vec3)
     part_count: int
@@ -132,39 +142,73 @@ def walk(s: Surface, first: int, start: int, position: wp.vec3):
     barycentric = closest_on_triangle(
         s.points[first + corner[0]], s.points[first + corner[1]], s.points[first + corner[2]], position
     )
+    beyond = barycentric
     distance = wp.length_sq(position - blend(s.points, first, corner, barycentric))
+    circled = int(0)
     for _ in range(_LONGEST_WALK):
         across = s.neighbours[face]
-        better = int(-1)
+        onward = int(-1)
+        aside = int(-1)
         for edge in range(3):
             other = across[edge]
-            if barycentric[edge] == 0.0 and other >= 0 and better < 0:
+            if barycentric[edge] == 0.0 and other >= 0 and onward < 0:
                 c = s.faces[other]
                 b = closest_on_triangle(
                     s.points[first + c[0]], s.points[first + c[1]], s.points[first + c[2]], position
                 )
                 d = wp.length_sq(position - blend(s.points, first, c, b))
                 if d < distance * 0.99999:
-                    better = other
+                    onward = other
                     barycentric = b
                     distance = d
-        if better < 0:
+                elif barycentric[(edge + 1) % 3] == 0.0:
+                    aside = other
+                    beyond = b
+        if onward >= 0:
+            face = onward
+            circled = 0
+        elif aside >= 0 and circled < _LONGEST_CIRCLE:
+            # The closest point is a vertex: a nearer face may come further around it.
+            face = aside
+            barycentric = beyond
+            circled += 1
+        else:
             break
-        face = better
     return signed(s, first, face, barycentric, position)
+
+
+@wp.func
+def owns(owned: wp.vec4i, part: int):
+    return owned[0] == part or owned[1] == part or owned[2] == part or owned[3] == part
+
+
+@wp.func
+def distance_to_face(s: Surface, first: int, face: int, position: wp.vec3):
+    corner = s.faces[face]
+    a = s.points[first + corner[0]]
+    b = s.points[first + corner[1]]
+    c = s.points[first + corner[2]]
+    w = closest_on_triangle(a, b, c, position)
+    return wp.length(position - (a * w[0] + b * w[1] + c * w[2]))
 
 
 @wp.kernel
 def find_contacts(
     reach: float,
     passes: int,
+    turn: int,
+    turns: int,
+    steps: float,
+    travel: wp.array(dtype=float),
     lane_motion: wp.array(dtype=int),
     shared_motion: int,
     inverse_mass: wp.array(dtype=float),
     standoff: wp.array(dtype=float),
     owned: wp.array(dtype=wp.vec4i),
+    beside: wp.array(dtype=wp.vec2i),
     surface: Surface,
     parameters: wp.array(dtype=Any),
+    v: wp.array(dtype=Any),
     x: wp.array(dtype=Any),
     near: wp.array(dtype=int),
     face: wp.array(dtype=int),
@@ -177,33 +221,24 @@ def find_contacts(
 
     The move leaves velocities alone (position and previous position go together). Moving out along one face can lead
     under another, so the search is repeated, at most ``passes`` times.
+
+    Args:
+        turn, turns: A lane of a vertex is searched for exactly where its number is ``turn`` modulo ``turns``.
+        steps: Substeps since the last query.
+        travel: Longest way of a point of each body since then [m].
+        shared_motion: 1 where all lanes follow one motion.
+        beside: Two garment neighbours of each vertex.
+        distance: Signed distance to the body [m]; of a vertex out of reach, a lower bound.
     """
     i = wp.tid()
     positions = x[i]
     gaps = clearance[i]
     distances = distance[i]
+    velocities = v[i]
     thickness = parameters[THICKNESS]
+    dt = parameters[DT]
     lanes = lane_motion.shape[0]
-
-    # The seed of the lanes that share a motion.
-    seed = int(-1)
-    spread = float(0.0)
-    if shared_motion == 1:
-        mean = wp.vec3(0.0, 0.0, 0.0)
-        for k in range(lanes):
-            mean += wp.vec3(positions[k], positions[lanes + k], positions[2 * lanes + k])
-        mean = mean / float(lanes)
-        for k in range(lanes):
-            away = wp.vec3(positions[k], positions[lanes + k], positions[2 * lanes + k]) - mean
-            spread = wp.max(spread, wp.length(away))
-        if spread <= reach:
-            bound = reach + spread
-            if face[i * lanes] >= 0:
-                # The lanes' last face bounds the distance, which prunes most of the search.
-                known = blend(surface.points, 0, surface.faces[face[i * lanes]], barycentric[i * lanes])
-                bound = wp.min(bound, wp.length(mean - known) + 1.0e-4)
-            seed = search(surface, 0, owned[i], mean, bound).face
-
+    own = owned[i]
     any_near = int(0)
     for k in range(lanes):
         c = i * lanes + k
@@ -213,23 +248,30 @@ def find_contacts(
         last = face[c]
         hit = Hit()
         hit.face = -1
-        if shared_motion == 0 or spread > reach:
-            bound = reach
-            if last >= 0:
-                bound = wp.min(
-                    reach,
-                    wp.length(position - blend(surface.points, first, surface.faces[last], barycentric[c])) + 1.0e-4,
-                )
-            hit = search(surface, motion, owned[i], position, bound)
-        else:
-            if seed >= 0:
-                hit = walk(surface, first, seed, position)
-            if last >= 0 and last != seed:
-                other = walk(surface, first, last, position)
-                if hit.face < 0 or (other.face >= 0 and wp.abs(other.distance) < wp.abs(hit.distance)):
-                    hit = other
-            if hit.face >= 0 and wp.abs(hit.distance) > reach:
-                hit.face = -1
+        velocity = wp.vec3(velocities[k], velocities[lanes + k], velocities[2 * lanes + k])
+        safe = distances[k] - travel[motion] - _MARGIN * (wp.length(velocity) * steps * dt[k] + _MARGIN_LENGTH)
+        if last >= 0:
+            hit = walk(surface, first, last, position)
+            # What another found may be nearer: the lane before of the same motion, or a garment neighbour.
+            other = int(-1)
+            if shared_motion == 1 and k > 0:
+                other = face[c - 1]
+            else:
+                other = face[beside[i][turn % 2] * lanes + k]
+            if hit.face >= 0 and other >= 0 and other != hit.face:
+                if owns(own, surface.part[other]):
+                    if distance_to_face(surface, first, other, position) < _NEARER * wp.abs(hit.distance):
+                        better = walk(surface, first, other, position)
+                        if better.face >= 0 and wp.abs(better.distance) < wp.abs(hit.distance):
+                            hit = better
+        if hit.face >= 0:
+            if (i + k) % turns == turn and wp.abs(hit.distance) < reach:
+                better = search(surface, motion, own, position, wp.abs(hit.distance))
+                if better.face >= 0:
+                    hit = better
+        elif last >= 0 or safe < reach:
+            hit = search(surface, motion, own, position, _LOOKOUT * reach)
+            safe = _LOOKOUT * reach
 
         keep = thickness[k] + standoff[i]
         for _ in range(passes):
@@ -242,19 +284,19 @@ def find_contacts(
                 if moved < 0.25 * keep:
                     hit.distance = keep  # too short a move to come under another face
                     break
-                hit = search(surface, motion, owned[i], position, 2.0 * keep)
+                hit = search(surface, motion, own, position, 2.0 * keep)
         positions[k] = position[0]
         positions[lanes + k] = position[1]
         positions[2 * lanes + k] = position[2]
 
         face[c] = hit.face
-        if hit.face < 0:
-            gaps[k] = FAR
-            distances[k] = reach
-        else:
+        gaps[k] = FAR
+        distances[k] = safe
+        if hit.face >= 0:
+            distances[k] = hit.distance
+        if hit.face >= 0 and hit.distance < reach:
             any_near = 1
             barycentric[c] = hit.barycentric
-            distances[k] = hit.distance
             away = position - hit.point
             above = wp.dot(away, hit.normal)
             leaning = wp.vec3(0.0, 0.0, 0.0)
@@ -273,5 +315,5 @@ def find_contacts(
 
 
 for _width in WIDTHS:
-    _kinds = {"parameters": "scalars", "x": "vectors", "clearance": "scalars", "distance": "scalars"}
+    _kinds = {"parameters": "scalars", "v": "vectors", "x": "vectors", "clearance": "scalars", "distance": "scalars"}
     declare(find_contacts, _width, **_kinds)
