@@ -28,6 +28,8 @@ from sim.settings import SimulationSettings
 from sim.simulate import simulate_clip
 
 JOINTS = 24
+WIND = {"wind_speed": 3.0, "wind_heading": 0.0, "air_drag": 1.0, "bend": 1e-3}
+"""Parameters of a wind across the strip that lifts it by half its weight."""
 
 
 @dataclass(frozen=True)
@@ -155,14 +157,24 @@ def still(frames: int) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros((frames, JOINTS, 3)), np.zeros((frames, 3))
 
 
-def hanging_strip(stretch: float, rows: int = 25, length: float = 0.6, settle_seconds: float = 2.0) -> Scene:
-    """A strip that hangs by its upper edge, far from any body."""
+def hanging_strip(
+    stretch: float, rows: int = 25, length: float = 0.6, settle_seconds: float = 2.0, **changes: float
+) -> Scene:
+    """A strip that hangs by its upper edge, far from any body.
+
+    Args:
+        stretch: Membrane stiffness [N/m].
+        rows: Rows of vertices down the strip.
+        length: Its length [m].
+        settle_seconds: Time to come to rest [s].
+        changes: Other parameters by name.
+    """
     edge = length / ((rows - 1) * np.sqrt(0.75))
     vertices, faces = lattice(rows, 7, edge)
     vertices = np.stack([vertices[:, 2], -vertices[:, 0], vertices[:, 1]], axis=1)
     body = ball(0.1, (0.0, 1.5, 0.0), 1)
     template = sheet_on(body, vertices, faces, np.flatnonzero(vertices[:, 1] > -1e-9))
-    parameters = base_parameters({"stretch": stretch, "shear": 0.3 * stretch, "drag_ratio": 1.0})
+    parameters = base_parameters({"stretch": stretch, "shear": 0.3 * stretch} | changes)
     return Scene(template, body, *still(3), 0, parameters, settle_seconds)
 
 
@@ -173,7 +185,7 @@ def side_held_sheet(shear: float, rows: int = 13, length: float = 0.2, settle_se
     vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1)
     body = ball(0.1, (0.0, 1.5, 0.0), 1)
     template = sheet_on(body, vertices, faces, np.flatnonzero(vertices[:, 0] < 1e-9))
-    parameters = base_parameters({"shear": shear, "drag_ratio": 1.0})
+    parameters = base_parameters({"shear": shear})
     return Scene(template, body, *still(3), 0, parameters, settle_seconds)
 
 
@@ -195,7 +207,7 @@ def draped_sheet(rows: int = 25, side: float = 0.5, settle_seconds: float = 2.0,
     gap = 0.003 + edge**2 / 0.4 + 0.0005
     vertices = vertices - vertices.mean(axis=0) + [0.0, gap, 0.0]
     template = sheet_on(body, vertices, faces, np.zeros(0))
-    parameters = base_parameters({"bend": 1e-3, "friction": 0.6, "drag_ratio": 1.0} | changes)
+    parameters = base_parameters({"bend": 1e-3, "friction": 0.6} | changes)
     return Scene(template, body, *still(3), 0, parameters, settle_seconds)
 
 
@@ -265,10 +277,11 @@ def scenes(thorough: bool) -> dict[str, Scene]:
         found[f"strip, {stretch:g} N/m, 25 rows"] = hanging_strip(stretch)
     for rows in (13, 49) if thorough else (13,):
         found[f"strip, 1000 N/m, {rows} rows"] = hanging_strip(1000.0, rows)
+    found["strip in the wind, 3 m/s"] = hanging_strip(1000.0, 17, **WIND)
     found["sheet held by its side, 20 N/m"] = side_held_sheet(20.0)
-    for rows in (15, 23) if thorough else (15,):
+    for rows in (13, 15, 23) if thorough else (13, 15):
         found[f"ball, {rows} rows, 1e-3 N m"] = draped_sheet(rows, 0.25, 3.0)
-    found["ball, 15 rows, 1e-4 N m"] = draped_sheet(15, 0.25, 3.0, bend=1e-4)
+    found["ball, 13 rows, 1e-4 N m"] = draped_sheet(13, 0.25, 3.0, bend=1e-4)
     for count in (320, 600, 1300) if thorough else (320, 600):
         found[f"skirt at rest, {count} vertices"] = skirt(count, 2, walking=False)
         found[f"skirt walking, {count} vertices"] = skirt(count, 20, walking=True)
