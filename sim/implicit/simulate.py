@@ -1,7 +1,8 @@
 """One clip of a garment under the implicit solver: settle, lead-in, recorded frames, quality figures and timing.
 
 In and out are those of ``sim.simulate.simulate_clip``, so that both solvers can be compared on one garment, body, clip
-and parameter set. There is no collision of the cloth with itself in either.
+and parameter set. Every parameter means the same in both, with two exceptions: this solver knows no collision of the
+cloth with itself (``self_friction`` is not read) and forms no creases (a ``bend_yield`` below its upper end is refused).
 """
 
 from __future__ import annotations
@@ -53,7 +54,8 @@ def simulate_clip_implicit(
         pose: Axis-angle poses [rad], shape [L + T, 24, 3].
         root: Root translations [m], shape [L + T, 3].
         lead_in: Number L of leading frames that are simulated but not recorded.
-        parameters: Every intrinsic parameter by name; ``substeps`` is the XPBD solver's and is not read.
+        parameters: Every intrinsic parameter by name; ``substeps`` is the XPBD solver's and is not read;
+            ``bend_yield`` must be at its upper end.
         settings: Numbers of the method; defaults where None.
         progress: Called after each frame with (frames done, frames in all).
 
