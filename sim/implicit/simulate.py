@@ -2,7 +2,7 @@
 
 In and out are those of ``sim.simulate.simulate_clip``, so that both solvers can be compared on one garment, body, clip
 and parameter set. Every parameter means the same in both, with two exceptions: this solver knows no collision of the
-cloth with itself (``self_friction`` is not read) and forms no creases (a ``bend_yield`` below its upper end is refused).
+cloth with itself (``self_friction`` is not read) and forms no creases (a ``bend_yield`` below its limit is refused).
 """
 
 from __future__ import annotations
