@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 CLOTH, FAULT, PINCHED, SELF = (196, 208, 214), (205, 30, 30), (245, 150, 30), (40, 80, 220)
 SIZE = (1200, 900)  # [px]
 NEAR, FAR = 0.75, 3.2  # [m] distance of the camera from the worst triangle, and from the whole body
+ROOM = 0.12  # [m] what lies farther before the worst triangle is cut away in the near view
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,7 @@ class Album:
             plotter.camera.position = tuple(target + distance * direction)
             plotter.camera.focal_point = tuple(target)
             plotter.camera.up = (0.0, 1.0, 0.0)
-            plotter.camera.clipping_range = (0.02, 20.0)
+            # The near view looks past arms that are in the way.
+            plotter.camera.clipping_range = (0.02 if column == 0 else NEAR - ROOM, 20.0)
         plotter.screenshot(str(path))
         plotter.close()
