@@ -55,8 +55,13 @@ class OwnJob:
     first_frame: bool = False
 
 
-def run(job: OwnJob) -> dict[str, float | str]:
-    """Simulate a job and write its archive; returns the facts that are in it."""
+def run(job: OwnJob) -> dict[str, float]:
+    """Simulate a job and write its archive; returns the facts that are in it.
+
+    Raises:
+        NotImplementedError: The simulator lacks what the job asks for.
+        ValueError: The first world, which has the garment's own material, cannot be used.
+    """
     started = time.perf_counter()
     # Imports belong to the time of a start.
     from body.model import Body
@@ -64,6 +69,7 @@ def run(job: OwnJob) -> dict[str, float | str]:
     from sim.compile import load_kernels, resolve_device
     from sim.parameters import base_parameters, sample_parameters
     from sim.settings import SimulationSettings
+    from sim.simulate import Simulator, World
 
     switches = {}
     if "self_contact" in {field.name for field in fields(SimulationSettings)}:
@@ -84,26 +90,19 @@ def run(job: OwnJob) -> dict[str, float | str]:
     compiled = time.perf_counter()
 
     clock = FrameClock()
-    if job.worlds == 1:
-        from sim.simulate import Simulator
-
-        results = [Simulator(template, body, settings).run(pose, root, lead, sets[0], clock)]
-    else:
-        try:
-            from sim.ensemble import EnsembleSimulator
-        except ImportError as missing:
-            raise NotImplementedError("this simulator runs one world at a time") from missing
-        results = EnsembleSimulator(template, body, settings).run(pose, root, lead, sets, clock)
+    simulator = Simulator(template, body, settings, worlds=job.worlds)
+    results = simulator.run_worlds([World(pose, root, one) for one in sets], lead, clock)
     ended = time.perf_counter()
-    failures = [result.failure for result in results if result.failure is not None]
-    if failures:
-        raise ValueError(f"{len(failures)} of {len(results)} worlds failed: {failures[0]}")
+    failed = [result.failure for result in results if result.failure is not None]
+    if results[0].failure is not None:
+        raise ValueError(f"{len(failed)} of {len(results)} worlds failed: {results[0].failure}")
     wall, cpu = results[0].frame_seconds, clock.recorded(len(results[0].frame_seconds))[1]
     facts = {
         "imports_s": imported - started,
         "kernels_s": compiled - imported,
         "simulation_s": ended - compiled,
         "memory_mb": peak_memory(),
+        "failed_worlds": len(failed),
     }
     np.savez(
         job.out,

@@ -101,7 +101,10 @@ def garment_rows(plan: Plan, template: Path, folder: Path) -> list[Row]:
                 rows.append(row | {"note": str(failure)})
                 continue
             times, facts = _times(result["wall"], result["cpu"], worlds), _judged(scene, result["vertices"], ours)
-            rows.append(row | times | facts | {"peak_mb": result["memory_mb"]})
+            row |= times | facts | {"peak_mb": result["memory_mb"]}
+            if result["failed_worlds"]:
+                row["note"] = f"{result['failed_worlds']} of {worlds} worlds failed"
+            rows.append(row)
             if worlds == 1:
                 ours = result["vertices"]
                 base = base or times["median_ms"]
