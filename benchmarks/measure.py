@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import resource
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -90,5 +91,20 @@ def pin_to_one_core() -> int | None:
 
 
 def peak_memory() -> float:
-    """Largest resident memory of this process so far [MB]."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000.0
+    """Largest resident memory of this process so far [MB].
+
+    Where the system tells it of the program alone (Linux), that figure: ``getrusage`` starts with the memory of the
+    process that launched this one.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        for line in status.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return float(line.split()[1]) * 1024.0 / 1e6
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0 / 1e6
+
+
+def children_seconds() -> float:
+    """Processor seconds of all child processes that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime

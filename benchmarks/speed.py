@@ -96,7 +96,7 @@ def garment_rows(plan: Plan, template: Path, folder: Path) -> list[Row]:
             row = _row(scene, "XPBD (ours)", plan.substeps, "own parts", worlds)
             job = OwnJob(str(template), str(folder / "own.npz"), plan.frames, plan.substeps, worlds, touching)
             try:
-                _, result = run_own(job, folder)
+                result = run_own(job, folder)
             except RowFailed as failure:
                 rows.append(row | {"note": str(failure)})
                 continue
@@ -234,6 +234,7 @@ COLUMNS = (
     ("apart_mm", "apart mm"),
     ("peak_mb", "peak MB"),
     ("total_s", "total s"),
+    ("cpu_s", "processor s"),
     ("imports_s", "imports s"),
     ("kernels_s", "kernels s"),
     ("simulation_s", "simulation s"),

@@ -83,7 +83,7 @@ def test_starts_share_a_cache_that_begins_empty(monkeypatch, tmp_path):
         caches.append(cache)
         if job.worlds == 16:
             raise starts.RowFailed("one world at a time")
-        return 2.0, {"imports_s": 0.5, "kernels_s": 1.0, "simulation_s": 0.2, "memory_mb": 300.0}
+        return dict.fromkeys(starts.START_TIMES, 2.0) | {"memory_mb": 300.0}
 
     monkeypatch.setattr(starts, "run_own", run_own)
     rows = starts.start_rows(tmp_path / "t.npz", [1, 16], tmp_path)
@@ -173,6 +173,15 @@ def test_the_table_has_a_dash_for_what_is_missing_and_notes_last():
     head, first, second = speed.table(rows).splitlines()
     assert head.split() == ["solver", "median", "deepest", "mm", "note"]
     assert first.split() == ["a", "-", "-", "gone"] and second.split() == ["b", "1.23", "12346", "-"]
+
+
+def test_memory_is_that_of_the_program_alone():
+    """Not that of a launcher that holds more, as getrusage has it."""
+    ballast = np.ones(60_000_000)  # 480 MB
+    measured = "from benchmarks.measure import peak_memory; print(peak_memory())"
+    done = subprocess.run([sys.executable, "-c", measured], cwd=speed.ROOT, capture_output=True, text=True, check=True)
+    assert 10.0 < float(done.stdout) < 300.0
+    assert ballast[-1] == 1.0
 
 
 def test_every_figure_of_a_row_has_a_column(scene):
