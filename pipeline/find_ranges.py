@@ -176,9 +176,8 @@ def fragment(
     search: Mapping,
 ) -> str:
     """The ranges as a configuration overlay; every line says its unit, what was found alone, and what stopped it."""
-    bounds = ", ".join(
-        f"{CRITERIA[name][0]} {bound:g}{CRITERIA[name][1]}" for name, bound in search["criteria"].items()
-    )
+    criteria = search["criteria"]
+    bounds = ", ".join(f"{label} {criteria[k]:g}{unit}" for k, (label, unit) in CRITERIA.items() if k in criteria)
     lines = [
         f"# Ranges of {garment}, found by `snakemake ranges` (Wang 2019, section 4) on the clips {', '.join(clips)}.",
         f"# A trial holds up to: {bounds}.",

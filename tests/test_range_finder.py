@@ -4,20 +4,35 @@ from __future__ import annotations
 
 import itertools
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
-from sim.parameters import base_parameters, parameter
+from body.model import Body
+from evaluation.table import read_table
+from garments.build import build_template
+from garments.spec import GarmentSpec
+from motions.clip_file import write_clips
+from motions.procedural import generate_clip
+from pipeline.config import load_config
+from pipeline.find_ranges import fragment, liveliest, main, rounded_inwards, side_by_side
+from pipeline.stage import Job
+from report.ranges_plot import ranges_figure
+from sim.parameters import PARAMETER_NAMES, base_parameters, parameter
 from sim.range_finder import (
     CRITERIA,
     FAILED,
+    FoundRange,
     Outcome,
     SearchSettings,
     find_ranges,
     judge,
     widest_common_share,
 )
+
+DEFAULT = Path(__file__).parent.parent / "configs" / "default.yaml"
 
 BASE = base_parameters()
 
@@ -163,3 +178,89 @@ def test_settings_that_go_nowhere_are_refused():
     for wrong in ({"factor": 1.0}, {"share": 0.0}, {"bisections": -1}):
         with pytest.raises(ValueError, match="range search: factor"):
             SearchSettings(**wrong)
+
+
+FAILURE = Outcome({}, "p99_edge_strain", "p99 edge strain 0.31 above 0.25")
+
+
+def test_the_fragment_is_an_overlay_that_says_units_and_what_stopped_the_search(tmp_path):
+    found = [
+        FoundRange("density", 0.2, 0.0123, 1.77, FAILURE, None),
+        FoundRange("substeps", 24.0, 9.0, 48.0, FAILURE, None),
+        FoundRange("bend", 5.0e-5, 1.0e-9, 0.0123, None, FAILURE),
+        FoundRange("wind_speed", 0.0, 0.0, 10.0, None, None),
+    ]
+    search = {"criteria": {"penetration": 0.01, "p99_edge_strain": 0.25}}
+    text = fragment("skirt", found, {"wind_heading": (-np.pi, np.pi)}, 1.0, 0.92, 12, ["run_000"], search)
+    assert (
+        "density: {min: 0.013, max: 1.7} # [kg/m^2] alone 0.0123 to 1.77: p99 edge strain 0.31 above 0.25 below" in text
+    )
+    assert "limit above" in text and "run_000" in text and "p99 edge strain 0.25, penetration 0.01 m" in text
+    file = tmp_path / "found.yaml"
+    file.write_text(text)
+    ranges = load_config([DEFAULT, file])["garments"]["skirt"]["ranges"]
+    assert ranges["bend"] == {"min": 1.0e-9, "max": 0.012} and ranges["substeps"] == {"min": 9, "max": 48}
+    assert ranges["wind_speed"]["max"] == 10.0 and ranges["wind_heading"]["min"] > -np.pi
+
+
+@pytest.mark.parametrize("value", [0.0123, 1.77, 3.0e-9, 9.99e5, 0.0, 100.0, -1.234])
+def test_rounding_never_widens_a_range(value):
+    for base in (value * 3.0 + 1.0, value * 3.0 - 10.0):
+        rounded = rounded_inwards(value, base)
+        assert min(value, base) <= rounded <= max(value, base)
+        assert rounded == pytest.approx(value, rel=0.1)
+
+
+def test_sets_with_the_same_substeps_run_side_by_side():
+    groups = side_by_side([24] * 20 + [30, 24, 30])
+    assert sorted(index for group in groups for index in group) == list(range(23))
+    assert sorted(map(len, groups)) == [2, 5, 16]
+    assert [20, 22] in groups
+
+
+def test_the_liveliest_clips_are_those_of_the_part_that_the_garment_covers():
+    body = Body.load("small")
+    clips = [generate_clip(label, 0, 30, 30.0, 1, body) for label in ("walk", "wave-left", "run", "walk")]
+    skirt = build_template(GarmentSpec("skirt", "skirt", 300), body)
+    shirt = build_template(GarmentSpec("tshirt", "tshirt", 400), body)
+    assert [clip.label for clip in liveliest(clips, skirt, body, 3, 20)] == ["run", "walk", "wave-left"]
+    assert liveliest(clips, shirt, body, 1, 20)[0].label != "walk"
+    assert [clip.frames for clip in liveliest(clips, skirt, body, 2, 20)] == [20, 20]
+
+
+def test_the_stage_finds_that_limp_cloth_fails_and_writes_all_three(tmp_path):
+    body = Body.load("small")
+    build_template(GarmentSpec("skirt", "skirt", 250), body).save(tmp_path / "skirt.npz")
+    write_clips(tmp_path / "batch.h5", [generate_clip("walk", 0, 12, 30.0, 1, body)])
+    config = load_config([DEFAULT])
+    search = config["ranges"] | {
+        "clips": 1,
+        "frames": 8,
+        "bisections": 1,
+        "parameters": ["stretch", "density", "wind_speed", "gravity"],
+        "limits": {"stretch": {"min": 1.0, "max": 1.0e5}, "density": {"min": 0.1, "max": 1.0}},
+        "criteria": config["ranges"]["criteria"] | {"p99_edge_strain": 0.1},
+        "together": {"sets": 4, "accepted": 0.75},
+    }
+    spec = {"garment": "skirt", "seed": 1, "body": {"resolution": "small", "shape": []}, "base": {"stretch": 500.0}}
+    spec |= {"fps": 30.0, "lead_in": 6, "settle": 0.3, "ranges": search}
+    outputs = [str(tmp_path / f"skirt.{kind}") for kind in ("yaml", "csv", "svg")]
+    main(Job(spec, [str(tmp_path / "skirt.npz"), str(tmp_path / "batch.h5")], outputs, "cpu", 1))
+    ranges = yaml.safe_load(Path(outputs[0]).read_text())["garments"]["skirt"]["ranges"]
+    assert set(ranges) == {"stretch", "density", "wind_speed", "gravity", "wind_heading"}
+    assert 1.0 < ranges["stretch"]["min"] < 500.0
+    rows = read_table(outputs[1])
+    failed = [row["value"] for row in rows if not row["holds"]]
+    assert 1.0 in failed and {row["cause"] for row in rows if not row["holds"]} <= {*CRITERIA, FAILED}
+    assert "<svg" in Path(outputs[2]).read_text() and "stretch" in Path(outputs[2]).read_text()
+
+
+def test_the_plot_has_a_row_for_every_parameter():
+    names = list(PARAMETER_NAMES)
+    found, trials, _ = search({name: parameter(name).allowed for name in names})
+    figure = ranges_figure("skirt", list(found.values()), trials, 0.5)
+    assert len(figure.axes) == len(names)
+    for axes, name in zip(figure.axes, names):
+        values = [t.value for t in trials if t.parameter == name]
+        low, high = axes.get_xlim()
+        assert low <= min(values) and max(values) <= high
