@@ -25,6 +25,7 @@ class IntrinsicParameter:
         allowed: Physical limits (inclusive) for any value.
         logarithmic: Sampled log-uniformly, because its useful values span decades.
         integer: Rounded after sampling.
+        shared: Drawn once for ``ENSEMBLE`` sets in a row: those that are simulated together must have it in common.
         meaning: One sentence.
     """
 
@@ -36,10 +37,17 @@ class IntrinsicParameter:
     meaning: str
     logarithmic: bool = False
     integer: bool = False
+    shared: bool = False
+
+
+ENSEMBLE = 16
+"""Parameter sets that are simulated together."""
 
 
 INTRINSIC_PARAMETERS: tuple[IntrinsicParameter, ...] = (
-    IntrinsicParameter("substeps", "simulator", "1", 24, (1, 512), "Solver substeps a frame", integer=True),
+    IntrinsicParameter(
+        "substeps", "simulator", "1", 24, (1, 512), "Solver substeps a frame", integer=True, shared=True
+    ),
     IntrinsicParameter("time_scale", "simulator", "1", 1.0, (0.1, 4.0), "Simulated seconds a second of the clip"),
     IntrinsicParameter(
         "thickness",
@@ -146,7 +154,8 @@ def sample_parameters(
         for name, (low, high) in ranges.items():
             p = parameter(name)
             # One generator a parameter: adding a range leaves the draws of the others as they were.
-            draw = _generator(seed, garment, index, name).uniform()
+            number = (index - 1) // ENSEMBLE if p.shared else index
+            draw = _generator(seed, garment, number, name).uniform()
             if p.logarithmic and low > 0.0:
                 value = float(np.exp(np.log(low) + draw * (np.log(high) - np.log(low))))
             else:

@@ -1,0 +1,109 @@
+"""Many simulations of one garment, sixteen at a time, each tried with more substeps until it is inside the bounds.
+
+In: planned simulations. Out: for each, its last result, the parameters it was made with and the number of attempts.
+Simulations go together where they take the same number of substeps and either share a clip or each have their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from motions.clip import Clip
+from sim.parameters import ENSEMBLE
+from sim.result import SimulationResult
+from sim.simulate import Simulator, World
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A simulation to be made.
+
+    Attributes:
+        phi: Number of the parameter set.
+        clip: Motion.
+        take_index: Number of the take that the clip was cut from.
+        lead: Poses [L, 24, 3] and roots [L, 3] that lead from the bind pose into the clip.
+        parameters: Every intrinsic parameter.
+    """
+
+    phi: int
+    clip: Clip
+    take_index: int
+    lead: tuple[np.ndarray, np.ndarray]
+    parameters: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a planned simulation; ``result.failure`` says why no attempt held."""
+
+    planned: Planned
+    result: SimulationResult
+    parameters: dict[str, float]
+    attempts: int
+
+
+def simulate_all(
+    simulator: Simulator,
+    planned: Sequence[Planned],
+    solver: Mapping[str, Any],
+    progress: Callable[[int], None],
+) -> Iterator[Outcome]:
+    """Simulate everything, in groups.
+
+    Args:
+        simulator: Of sixteen worlds; whether they share a motion decides what can go together.
+        planned: Simulations.
+        solver: ``attempts``, ``substeps_factor`` and ``bounds`` of the configuration.
+        progress: Called with the number of frames done, once for every simulation.
+    """
+    for group in _groups(planned, simulator.solver.skeleton.motions > 1):
+        pending = [(one, dict(one.parameters)) for one in group]
+        for attempt in range(1, solver["attempts"] + 1):
+            worlds = [_world(one, used) for one, used in pending]
+            results = simulator.run_worlds(worlds, len(group[0].lead[0]))
+            again = []
+            for (one, used), result in zip(pending, results):
+                if result.failure is None:
+                    result.failure = out_of_bounds(result.quality, solver["bounds"], len(simulator.template.vertices))
+                if result.failure is None or attempt == solver["attempts"]:
+                    progress(len(worlds[0].pose))
+                    yield Outcome(one, result, used, attempt)
+                else:
+                    again.append((one, used | {"substeps": float(round(used["substeps"] * solver["substeps_factor"]))}))
+            pending = again
+            if not pending:
+                break
+
+
+def out_of_bounds(quality: Mapping[str, float], bounds: Mapping[str, float], vertex_count: int) -> str | None:
+    """The first quality figure outside its bound, in one sentence; None when all are inside."""
+    figures = (
+        ("p99_edge_strain", quality["p99_edge_strain"], "p99 edge strain", ""),
+        ("penetration", quality["deepest_penetration_m"], "penetration", " m"),
+        ("vertices_inside", quality["vertices_inside"] / vertex_count, "share of vertices inside the body", ""),
+        ("residual_speed", quality["residual_speed_m_s"], "residual speed", " m/s"),
+    )
+    for key, value, name, unit in figures:
+        if not value <= bounds[key]:
+            return f"{name} {value:.3g}{unit} above {bounds[key]:g}{unit}"
+    return None
+
+
+def _groups(planned: Sequence[Planned], own_motions: bool) -> list[list[Planned]]:
+    """At most sixteen each, of one number of substeps and, unless each may move as it likes, of one clip."""
+    kinds: dict[tuple, list[Planned]] = {}
+    for one in planned:
+        shared = (one.clip.frames,) if own_motions else (one.clip.name,)
+        kinds.setdefault((round(one.parameters["substeps"]), *shared), []).append(one)
+    return [many[i : i + ENSEMBLE] for many in kinds.values() for i in range(0, len(many), ENSEMBLE)]
+
+
+def _world(one: Planned, parameters: Mapping[str, float]) -> World:
+    lead_pose, lead_root = one.lead
+    pose, root = np.concatenate([lead_pose, one.clip.pose]), np.concatenate([lead_root, one.clip.root])
+    return World(pose, root, parameters)
