@@ -75,7 +75,7 @@ class SelfContact:
         self.rest = wp.array(rest.vertices.astype(np.float32), dtype=wp.vec3, device=device)
         self.inverse_mass = wp.array(rest.inverse_mass.astype(np.float32), dtype=float, device=device)
         self.released = wp.zeros(self.count, dtype=scalar, device=device)
-        self.tangled = wp.zeros(self.count, dtype=scalar, device=device)
+        self.marked, self.tangled = (wp.zeros(self.count, dtype=scalar, device=device) for _ in range(2))
         self.total = wp.zeros(1, dtype=scalar, device=device)
         self.normals = wp.zeros(self.count, dtype=vector, device=device)
         first_corner, corners = corner_table(faces, self.count)
@@ -111,16 +111,27 @@ class SelfContact:
             self._allocate(np.maximum(self._capacity, (found * _GROWTH).astype(int)).tolist())
             grown = True
 
-    def launch_solve(self, parameters: wp.array, x_prev: wp.array, x: wp.array) -> None:
-        """Record: one substep of self-contact; ``x_prev`` are the positions at its start [m]."""
+    def launch_solve(self, parameters: wp.array, x_prev: wp.array, x: wp.array, x_pred: wp.array) -> None:
+        """Record: self-contact of one substep, after the cloth's own constraints.
+
+        Args:
+            parameters: Rows of ``sim.kernels.parameters``.
+            x_prev: Positions at the start of the substep [m].
+            x: Positions that are corrected [m].
+            x_pred: Predicted positions [m], which follow where cloth is drawn out of cloth.
+        """
         inputs = [1, self.found, self.crossings, self.inverse_mass, self.released, parameters]
-        self._launch(untangle.draw_apart, 1, inputs, [x])
+        self._launch(untangle.draw_apart, 1, inputs, [x, x_pred])
         for mode in (self_contact.ONE_BY_ONE,) if self.one_by_one else (self_contact.COUNT, self_contact.ADD_UP):
             inputs = [int(mode), self.threads, self.found, self.pairs, self.inverse_mass, parameters, x_prev]
             outputs = [self.side, self.gap, x, self.active, self.delta]
             self._launch(self_contact.solve_self_contact, self.threads, inputs, outputs)
         if not self.one_by_one:
             self._launch(self_contact.apply_corrections, self.count, [], [x, self.active, self.delta])
+
+    def forget(self) -> None:
+        """Begin anew, before the garment is put somewhere else."""
+        self.tangled.zero_()
 
     def pair_count(self) -> int:
         """Number of vertex-triangle and edge-edge pairs that are followed."""
@@ -131,7 +142,7 @@ class SelfContact:
         return self.total.numpy().reshape(-1).astype(int)
 
     def _search(self, interval: float, parameters: wp.array, x: wp.array, v: wp.array) -> None:
-        for counter in (self.found, self.tangled, self.total):
+        for counter in (self.found, self.total):
             counter.zero_()
         self._launch(
             self_detection.box_triangles, len(self.patches), [interval, self.patches, parameters, x, v], [self.boxes]
@@ -143,8 +154,9 @@ class SelfContact:
         outputs = [self.found, self.triangle_pairs]
         self._launch(self_detection.find_triangle_pairs, len(self.leaves), [*inputs, self.nodes, self.boxes], outputs)
         inputs = [self.threads, self.patches, self.triangle_pairs, self.boxes, x]
-        outputs = [self.found, self.crossings, self.tangled, self.total]
+        outputs = [self.found, self.crossings, self.marked, self.total]
         self._launch(untangle.find_crossings, self.threads, inputs, outputs)
+        self._launch(untangle.count_searches, self.count, [], [self.marked, self.tangled])
         if self.layered:
             self._launch(integrate.cloth_normals, self.count, [self.first_corner, self.corners, x], [self.normals])
         inputs = [self.threads, interval, self.rest_distance, self.patches, self.rest, self.triangle_pairs]

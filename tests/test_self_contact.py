@@ -86,7 +86,7 @@ class Cloth:
                     inputs = [first, 1.0, self.hinges.items, self.mass, self.parameters]
                     self.launch(bending.solve_bending, count, inputs, [self.x])
                 if solve:
-                    self.contact.launch_solve(self.parameters, self.x_prev, self.x)
+                    self.contact.launch_solve(self.parameters, self.x_prev, self.x, self.x_pred)
                 inputs = [self.mass, self.parameters, self.x, self.x_prev, self.x_pred]
                 self.launch(integrate.update_velocity, self.count, inputs, [self.v])
         self.find(interval)
@@ -167,11 +167,11 @@ def test_a_ribbon_falls_on_itself_without_crossing():
     floor[:, 1] -= 0.01
     points, triangles = together((up, faces), (floor, floor_faces))
     pinned = np.arange(len(up), len(points))
-    cloth = Cloth(points, triangles, pinned=pinned, gravity=9.81, bend=1e-6, self_friction=0.3)
-    counts = [crossings(cloth.run(0.1)[0], triangles) for _ in range(6)]
+    cloth = Cloth(points, triangles, pinned=pinned, gravity=9.81, bend=5e-6, self_friction=0.3)
+    counts = [crossings(cloth.run(0.1, interval=4)[0], triangles) for _ in range(9)]
     end = cloth.get(cloth.x)[0][: len(up)]
     assert np.ptp(end[:, 1]) < 0.2, "the ribbon has come down"
-    assert max(counts) <= 20
+    assert max(counts) <= 12
     assert counts[-1] == 0
     strain = np.abs(cloth.rest.edge_strain(cloth.get(cloth.x)[0]))
     assert np.quantile(strain, 0.99) < 0.05
@@ -335,6 +335,25 @@ def test_a_corner_that_pokes_through_is_drawn_back():
     end = cloth.get(cloth.x)[0]
     assert crossings(end, faces) == 0
     assert end[24, 1] < end[49:, 1].mean()
+
+
+def test_a_bump_that_is_through_for_long_is_let_go_and_slides_free():
+    """Contact alone would hold a patch of vertices on the side on which it was put."""
+    vertices, faces = two_sheets(0.006)
+    start = vertices.copy()
+    start[:49, 1] += np.where(np.abs(start[:49, [0, 2]]).max(axis=1) < 0.03, 0.012, 0.0)
+    cloth = Cloth(vertices, faces, bend=1e-6)
+    cloth.put(cloth.x, start)
+    ages, counts = [], []
+    for _ in range(60):
+        cloth.run(8 * DT)
+        ages.append(cloth.contact.tangled.numpy().max())
+        counts.append(cloth.contact.crossing_count()[0])
+    assert counts[0] > 10 and counts[-1] == 0
+    assert ages[-1] == 0.0
+    cloth.contact.tangled.fill_(5.0)
+    cloth.contact.forget()
+    assert cloth.contact.tangled.numpy().max() == 0.0
 
 
 def test_layers_are_checked():

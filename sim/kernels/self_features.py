@@ -22,6 +22,9 @@ FEATURE_PAIRS = wp.constant(1)
 OFF = wp.constant(-1.0)
 """Gap of a pair that is switched off in a lane [m]."""
 
+PATIENCE = wp.constant(12.0)
+"""Searches in a row that find features at a crossing before their contact is let go, so that they can slide free."""
+
 # How far beyond the rim of a triangle or the end of an edge a feature is followed already [m].
 _RIM = wp.constant(0.002)
 # Longest way that is foreseen [m], so that cloth that flies apart is not paired with everything.
@@ -138,8 +141,8 @@ def find_vertex_triangles(
 
     ``side`` is 1 or -1 where the vertex is over the triangle, along its normal or against it, and 0 where that is still
     open; 2 or -2 where the order of the layers gives it. ``gap`` is the distance that they have [m], at most the
-    thickness; ``OFF`` where the cloth is released, or both features belong to a crossing (see
-    ``untangle``) and no order of layers says how it resolves.
+    thickness; ``OFF`` where the cloth is released, or both features have belonged to crossings
+    for ``PATIENCE`` searches and no order of layers says how these resolve.
     """
     dt = parameters[DT]
     thickness = parameters[THICKNESS]
@@ -208,9 +211,9 @@ def find_vertex_triangles(
                             t2 = tangled[i2]
                             t3 = tangled[i3]
                             for k in range(lanes):
-                                tangle = wp.min(t0[k], wp.max(wp.max(t1[k], t2[k]), t3[k]))
                                 loose = wp.max(wp.max(r0[k], r1[k]), wp.max(r2[k], r3[k]))
-                                loose = wp.max(loose, wp.where(wp.abs(sides[k]) > 1.5, 0.0, tangle))
+                                age = wp.min(t0[k], wp.max(wp.max(t1[k], t2[k]), t3[k]))
+                                loose = wp.max(loose, wp.where(wp.abs(sides[k]) < 1.5 and age > PATIENCE, 1.0, 0.0))
                                 gaps[k] = wp.where(loose > 0.0, OFF, gaps[k])
                             pair = Pair()
                             pair.i0 = i0
@@ -317,9 +320,9 @@ def find_edge_edges(
                                 t2 = tangled[i2]
                                 t3 = tangled[i3]
                                 for k in range(lanes):
-                                    tangle = wp.min(wp.max(t0[k], t1[k]), wp.max(t2[k], t3[k]))
                                     loose = wp.max(wp.max(r0[k], r1[k]), wp.max(r2[k], r3[k]))
-                                    loose = wp.max(loose, wp.where(wp.abs(sides[k]) > 1.5, 0.0, tangle))
+                                    age = wp.min(wp.max(t0[k], t1[k]), wp.max(t2[k], t3[k]))
+                                    loose = wp.max(loose, wp.where(wp.abs(sides[k]) < 1.5 and age > PATIENCE, 1.0, 0.0))
                                     gaps[k] = wp.where(loose > 0.0, OFF, gaps[k])
                                 pair = Pair()
                                 pair.i0 = i0

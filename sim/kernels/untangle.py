@@ -22,7 +22,7 @@ CROSSINGS = wp.constant(2)
 """Place of the number of crossings among the counters."""
 
 # Speed at which an edge is drawn out of a triangle [m/s].
-_SPEED = wp.constant(0.3)
+_SPEED = wp.constant(6.0)
 # Gradient below which the contour is nearly straight and its direction says little, 1.
 _STRAIGHT = wp.constant(0.3)
 _TINY = wp.constant(1.0e-20)
@@ -100,10 +100,10 @@ def find_crossings(
     x: wp.array(dtype=Any),
     found: wp.array(dtype=int),
     crossings: wp.array(dtype=Crossing),
-    tangled: wp.array(dtype=Any),
+    marked: wp.array(dtype=Any),
     total: wp.array(dtype=Any),
 ):
-    """Edges that pierce a triangle in any lane; ``total[0]`` counts them in each, ``tangled`` marks their vertices.
+    """Edges that pierce a triangle in any lane; ``total[0]`` counts them in each, ``marked`` gets 1 at their vertices.
 
     More crossings than fit are counted and not stored.
     """
@@ -165,11 +165,11 @@ def find_crossings(
                             hits += wp.where(p.inner > 0.0, 1, 0)
                         if hits > 0:
                             wp.atomic_add(total, 0, marks)
-                            wp.atomic_max(tangled, i0, marks)
-                            wp.atomic_max(tangled, i1, marks)
-                            wp.atomic_max(tangled, i2, marks)
-                            wp.atomic_max(tangled, i3, marks)
-                            wp.atomic_max(tangled, i4, marks)
+                            wp.atomic_max(marked, i0, marks)
+                            wp.atomic_max(marked, i1, marks)
+                            wp.atomic_max(marked, i2, marks)
+                            wp.atomic_max(marked, i3, marks)
+                            wp.atomic_max(marked, i4, marks)
                             slot = wp.atomic_add(found, CROSSINGS, 1)
                             if slot < crossings.shape[0]:
                                 crossing = Crossing()
@@ -181,6 +181,19 @@ def find_crossings(
                                 crossing.left = a.corner[wp.where(c == 0, 2, c - 1)]
                                 crossing.right = a.opposite[c]
                                 crossings[slot] = crossing
+
+
+@wp.kernel
+def count_searches(marked: wp.array(dtype=Any), tangled: wp.array(dtype=Any)):
+    """Number of searches in a row that found each vertex at a crossing; clears the marks."""
+    i = wp.tid()
+    mark = marked[i]
+    age = tangled[i]
+    for k in range(len(mark)):
+        age[k] = (age[k] + 1.0) * mark[k]
+        mark[k] = 0.0
+    tangled[i] = age
+    marked[i] = mark
 
 
 @wp.struct
@@ -228,8 +241,12 @@ def draw_apart(
     released: wp.array(dtype=Any),
     parameters: wp.array(dtype=Any),
     x: wp.array(dtype=Any),
+    x_pred: wp.array(dtype=Any),
 ):
-    """Move edges that still pierce their triangle, and the triangle against them, along the contour's gradient."""
+    """Move edges that still pierce their triangle, and the triangle against them, along the contour's gradient.
+
+    Positions and predictions move together, so that velocities stay as they are.
+    """
     dt = parameters[DT]
     lanes = len(dt)
     for index in range(wp.tid(), wp.min(found[CROSSINGS], crossings.shape[0]), threads):
@@ -311,6 +328,11 @@ def draw_apart(
             x4[k] = x4[k] - b4 * m4 * gx
             x4[y] = x4[y] - b4 * m4 * gy
             x4[z] = x4[z] - b4 * m4 * gz
+        x_pred[c.i0] = x_pred[c.i0] + (x0 - x[c.i0])
+        x_pred[c.i1] = x_pred[c.i1] + (x1 - x[c.i1])
+        x_pred[c.i2] = x_pred[c.i2] + (x2 - x[c.i2])
+        x_pred[c.i3] = x_pred[c.i3] + (x3 - x[c.i3])
+        x_pred[c.i4] = x_pred[c.i4] + (x4 - x[c.i4])
         x[c.i0] = x0
         x[c.i1] = x1
         x[c.i2] = x2
@@ -319,5 +341,6 @@ def draw_apart(
 
 
 for _width in WIDTHS:
-    declare(find_crossings, _width, boxes="vectors", x="vectors", tangled="scalars", total="scalars")
-    declare(draw_apart, _width, released="scalars", parameters="scalars", x="vectors")
+    declare(find_crossings, _width, boxes="vectors", x="vectors", marked="scalars", total="scalars")
+    declare(count_searches, _width, marked="scalars", tangled="scalars")
+    declare(draw_apart, _width, released="scalars", parameters="scalars", x="vectors", x_pred="vectors")
