@@ -59,7 +59,13 @@ class Scene:
     def xpbd(self, substeps: int) -> np.ndarray:
         """Recorded frames of the XPBD solver [m], shape [T, V, 3]."""
         settings = SimulationSettings(
-            fps=FPS, device="cpu", contact=self.contact, settle_seconds=self.settle_seconds, settle_speed=1e-4
+            fps=FPS,
+            device="cpu",
+            contact=self.contact,
+            self_contact=False,  # the implicit solver has none
+            tethers=False,  # nor these
+            settle_seconds=self.settle_seconds,
+            settle_speed=1e-4,
         )
         clip = (self.template, self.body, self.pose, self.root, self.lead_in)
         return _frames(simulate_clip(*clip, self.parameters | {"substeps": float(substeps)}, settings))

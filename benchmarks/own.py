@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -71,13 +71,8 @@ def run(job: OwnJob) -> dict[str, float]:
     from sim.settings import SimulationSettings
     from sim.simulate import Simulator, World
 
-    switches = {}
-    if "self_contact" in {field.name for field in fields(SimulationSettings)}:
-        switches["self_contact"] = job.self_contact
-    elif job.self_contact:
-        raise NotImplementedError("this simulator has no self-contact")
     settle = 0.0 if job.first_frame else SETTLE_SECONDS
-    settings = SimulationSettings(fps=FPS, device="cpu", settle_seconds=settle, **switches)
+    settings = SimulationSettings(fps=FPS, device="cpu", settle_seconds=settle, self_contact=job.self_contact)
     template, body = GarmentTemplate.load(job.template), Body.load(BODY)
     pose, root = motion(body, job.frames)
     lead = LEAD_IN

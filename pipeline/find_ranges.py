@@ -54,7 +54,9 @@ def main(job: Job) -> None:
     body = Body.load(spec["body"]["resolution"]).shaped(spec["body"]["shape"])
     template = GarmentTemplate.load(job.inputs[0])
     clips = liveliest(read_clips(job.inputs[1]), template, body, search["clips"], search["frames"])
-    settings = SimulationSettings(fps=spec["fps"], device=job.device, settle_seconds=spec["settle"])
+    settings = SimulationSettings(
+        fps=spec["fps"], device=job.device, settle_seconds=spec["settle"], self_contact=spec["self_contact"]
+    )
     attempt = Attempt(template, body, settings, clips, spec["lead_in"], search["criteria"])
     base, limits = base_parameters(spec["base"]), _limits(search["limits"])
 

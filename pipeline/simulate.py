@@ -31,7 +31,9 @@ def main(job: Job) -> None:
     inputs = checked_inputs(job)
     body, template, clips = inputs.body, inputs.template, inputs.clips
     solver = spec["solver"]
-    settings = SimulationSettings(fps=spec["fps"], device=job.device, settle_seconds=solver["settle"])
+    settings = SimulationSettings(
+        fps=spec["fps"], device=job.device, settle_seconds=solver["settle"], self_contact=solver["self_contact"]
+    )
     with naming(job.inputs[0]):
         simulator = Simulator(template, body, settings, worlds=ENSEMBLE, own_motions=spec["plan"] == MOTIONS)
 

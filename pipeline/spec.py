@@ -76,6 +76,7 @@ def ranges_spec(config: Config, garment: str) -> str:
             "fps": config["motions"]["fps"],
             "lead_in": config["motions"]["lead_in"],
             "settle": config["simulation"]["settle"],
+            "self_contact": config["simulation"]["self_contact"],
             "ranges": config["ranges"],
         }
     )
@@ -139,6 +140,7 @@ def timing_spec(config: Config, garment: str) -> str:
             "fps": config["motions"]["fps"],
             "lead_in": config["motions"]["lead_in"],
             "settle": config["simulation"]["settle"],
+            "self_contact": config["simulation"]["self_contact"],
             "timing": config["timing"],
             "refinement": config["models"]["refinement"],
         }

@@ -7,7 +7,9 @@ import importlib
 
 import warp as wp
 
-_GENERIC = tuple(f"sim.kernels.{name}" for name in ("membrane", "bending", "integrate", "contact", "query", "strain"))
+_SOLVER = ("membrane", "bending", "integrate", "contact", "query", "strain", "tethers")
+_SELF_CONTACT = ("self_contact", "self_detection", "self_features", "untangle")
+_GENERIC = tuple(f"sim.kernels.{name}" for name in (*_SOLVER, *_SELF_CONTACT))
 _PACKED = "sim.kernels.packed_membrane"
 _IMPLICIT = tuple(
     f"sim.implicit.{name}" for name in ("force_kernels", "linear_system", "contact_kernels", "strain_limits")

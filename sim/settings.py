@@ -18,6 +18,8 @@ class SimulationSettings:
         reach: Distance up to which a vertex is followed by the query [m]: thickness plus relative motion in a query
             interval.
         contact: ``own`` (a vertex collides with the body parts it belongs to) or ``whole``.
+        self_contact: Whether layers of the garment keep apart.
+        tethers: Whether cloth that hangs on pins is kept from artificial stretch by tethers.
         settle_seconds: Longest time the garment may settle on the standing body [s].
         settle_speed: Settled when the root mean square speed falls below this [m/s].
         settle_damping: Extra velocity damping while settling [1/s]; it does not change where the cloth comes to rest.
@@ -31,6 +33,8 @@ class SimulationSettings:
     queries_per_frame: int = 2
     reach: float = 0.04
     contact: str = "own"
+    self_contact: bool = True
+    tethers: bool = True
     settle_seconds: float = 1.5
     settle_speed: float = 0.02
     settle_damping: float = 3.0

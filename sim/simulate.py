@@ -21,6 +21,7 @@ from sim.motion import checked_motion
 from sim.parameters import PARAMETER_NAMES, base_parameters, check_parameters
 from sim.rest_state import RestState
 from sim.result import SimulationResult
+from sim.self_contact import SelfContact
 from sim.settings import SimulationSettings
 from sim.skeleton import Skeleton, Skin
 from sim.strain_meter import StrainMeter
@@ -139,7 +140,8 @@ class Simulator:
         bind_pins = self.rest.vertices[pinned] - skeleton.centre
         skin = (template.skin_index[pinned], template.skin_weight[pinned])
         pins = Skin(bind_pins, *skin, skeleton.motions, device)
-        self.solver = XpbdSolver(self.rest, skeleton, self.contact, pins, device)
+        folds = SelfContact(self.rest, worlds, device) if self.settings.self_contact else None
+        self.solver = XpbdSolver(self.rest, skeleton, self.contact, pins, device, folds, self.settings.tethers)
         self.strain = StrainMeter(self.rest, worlds, device)
         self._rested: _Rested | None = None
         self._check_start()

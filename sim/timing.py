@@ -12,10 +12,10 @@ import numpy as np
 
 from sim.implicit.settings import ImplicitSettings
 from sim.implicit.simulate import simulate_clip_implicit
-from sim.parameters import parameter
+from sim.parameters import ENSEMBLE, parameter
 from sim.result import SimulationResult
 from sim.settings import SimulationSettings
-from sim.simulate import simulate_clip
+from sim.simulate import Simulator, World, simulate_clip
 
 if TYPE_CHECKING:
     from body.model import Body
@@ -103,8 +103,14 @@ def time_solvers(
     uncreased = dict(parameters) | {"bend_yield": parameter("bend_yield").allowed[1]}
     clip = (template, body, pose, root, lead_in, uncreased)
 
-    fast = simulate_clip(*clip, SimulationSettings(fps=implicit.fps, device="cpu"))
+    fast = simulate_clip(*clip, SimulationSettings(fps=implicit.fps, device="cpu", self_contact=False))
     rows = [_row("XPBD", template, fast, warm_up)]
+    apart = simulate_clip(*clip, SimulationSettings(fps=implicit.fps, device="cpu"))
+    rows.append(_row("XPBD with self-contact", template, apart, warm_up))
+    settings = SimulationSettings(fps=implicit.fps, device="cpu")
+    ensemble = Simulator(template, body, settings, worlds=ENSEMBLE)
+    together = ensemble.run_worlds([World(pose, root, uncreased)] * ENSEMBLE, lead_in)[0]
+    rows.append(_row(f"XPBD with self-contact, one of {ENSEMBLE} at once", template, together, warm_up, ENSEMBLE))
     plain = simulate_clip_implicit(*clip, implicit)
     rows.append(_row("implicit Euler", template, plain, warm_up))
     if strain_limits is not None:
@@ -114,10 +120,10 @@ def time_solvers(
     return rows
 
 
-def _row(solver: str, template: GarmentTemplate, result: SimulationResult, warm_up: int) -> Row:
+def _row(solver: str, template: GarmentTemplate, result: SimulationResult, warm_up: int, worlds: int = 1) -> Row:
     if result.failure is not None:
         raise ValueError(f"timing: {solver} failed on garment {template.name!r}: {result.failure}")
-    seconds = result.frame_seconds[warm_up:]
+    seconds = result.frame_seconds[warm_up:] / worlds
     row: Row = {
         "solver": solver,
         "vertices": len(template.vertices),

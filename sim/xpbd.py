@@ -9,10 +9,13 @@ at the end of each query interval. One interval of n substeps reads:
         every fourth substep: v <- damped v                       membrane and bending, implicit
         v <- in the air, under gravity;  x_pred <- x + v dt      predict
         membrane: triangles, colour by colour                    Gauss-Seidel, one iteration
+        tethers to the pins                                      one-sided
         every other substep: bending: hinges, colour by colour
+        cloth against cloth: the pairs that were found near each other
         contact planes at j/n of the interval, friction          last, so that it holds at the end
         v <- v + (x - x_pred) / dt
     refit the bodies; put vertices outside the exact surface; cache the closest points for the next interval
+    list what of the cloth may meet other cloth in the next interval
 
 The whole interval but the refit is recorded once as a graph and replayed: on a CPU this takes the launch overhead away.
 Positions are relative to floating origins that the caller moves with the pelvis; velocities are those of the world.
@@ -33,9 +36,11 @@ from sim.kernels.lanes import scalars, vectors
 from sim.kernels.parameters import ROW_COUNT, substep_constants
 from sim.parameters import check_parameters, parameter
 from sim.rest_state import RestState
+from sim.self_contact import SelfContact
 from sim.skeleton import Skeleton, Skin
+from sim.tethers import Tethers
 
-SOLVER_VERSION = "xpbd-2"
+SOLVER_VERSION = "xpbd-3"
 
 # The implicit damping of a few substeps at once costs little and changes little: with real fabrics' stiffness a single
 # triangle's strain rate is damped away within one substep anyway.
@@ -55,7 +60,16 @@ class XpbdSolver:
         v: Velocities in the world [m/s], likewise.
     """
 
-    def __init__(self, rest: RestState, skeleton: Skeleton, contact: BodyContact | None, pins: Skin, device: str):
+    def __init__(
+        self,
+        rest: RestState,
+        skeleton: Skeleton,
+        contact: BodyContact | None,
+        pins: Skin,
+        device: str,
+        self_contact: SelfContact | None = None,
+        tethered: bool = False,
+    ):
         """Copy the rest state to the device, constraints sorted by colour.
 
         Args:
@@ -64,10 +78,13 @@ class XpbdSolver:
             contact: Body to collide with; None for none.
             pins: Skinned targets of ``rest.pinned``, in that order.
             device: Warp device.
+            self_contact: Contact of the cloth with itself; None for none.
+            tethered: Whether free vertices are tied to their nearest pin (``sim.tethers``).
         """
         width = len(skeleton.lane_motion)
         load_kernels(device)
         self.rest, self.skeleton, self.contact, self.pins, self.device = rest, skeleton, contact, pins, device
+        self.self_contact = self_contact
         self.count, self.width = len(rest.vertices), width
         self.packed = width == 1 and device == "cpu"
         self.triangles = (device_packs if self.packed else device_triangles)(rest, device)
@@ -82,6 +99,7 @@ class XpbdSolver:
             wp.zeros(self.count, dtype=vector, device=device) for _ in range(5)
         )
         self.crease = wp.zeros(len(rest.hinges), dtype=scalars(width), device=device)
+        self.tethers = Tethers(rest, device) if tethered and len(rest.pinned) else None
         self.parameters = wp.zeros(ROW_COUNT, dtype=scalars(width), device=device)
         self.plastic = False
         self._graphs: dict[tuple[int, bool], wp.Graph] = {}
@@ -107,7 +125,8 @@ class XpbdSolver:
             raise ValueError(f"{len(each)} parameter sets for {self.width} worlds")
         for one in each:
             check_parameters(one)
-        columns = [substep_constants(one, step, extra_damping, max_speed) for one, step in zip(each, steps)]
+        longest = 0.0 if self.tethers is None else self.tethers.longest
+        columns = [substep_constants(one, step, extra_damping, max_speed, longest) for one, step in zip(each, steps)]
         self.parameters.assign(np.stack(columns, axis=1))
         self.plastic = any(one["bend_yield"] < _NEVER_YIELDS for one in each)
 
@@ -157,6 +176,8 @@ class XpbdSolver:
                 the world.
         """
         self.skeleton.set(*self._motions(transforms, origins))
+        if self.self_contact is not None and self.self_contact.find(substeps, self.parameters, self.x, self.v):
+            self._graphs.clear()
         key = (substeps, self.plastic)
         if key not in self._graphs:
             with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
@@ -251,6 +272,8 @@ class XpbdSolver:
             else:
                 inputs = [first, self.triangles.items, self.inverse_mass, self.parameters]
                 launch(membrane.solve_membrane, count, inputs, [self.x])
+        if self.tethers is not None:
+            self.tethers.launch(self.parameters, self.x)
         if bends:
             for first, count in self.hinges.ranges:
                 inputs = [first, float(bends), self.hinges.items, self.inverse_mass, self.parameters]
@@ -258,6 +281,8 @@ class XpbdSolver:
                     launch(bending.solve_creased_bending, count, [*inputs, self.crease], [self.x])
                 else:
                     launch(bending.solve_bending, count, inputs, [self.x])
+        if self.self_contact is not None:
+            self.self_contact.launch_solve(self.parameters, self.x_prev, self.x, self.x_pred)
         if self.contact is not None:
             self.contact.launch_solve(fraction, step, self.inverse_mass, self.x_prev, self.parameters, self.x)
         inputs = [self.inverse_mass, self.parameters, self.x, self.x_prev, self.x_pred]

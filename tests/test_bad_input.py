@@ -185,6 +185,7 @@ def still_clip(body: Body, **changes) -> Clip:
 
 def spec_of(**changes) -> dict:
     solver = {
+        "self_contact": True,
         "settle": 0.1,
         "attempts": 1,
         "substeps_factor": 2.0,

@@ -362,7 +362,9 @@ def test_timing_has_a_row_for_each_solver(dressed):
         implicit=ImplicitSettings(),
         warm_up=1,
     )
-    assert [row["solver"].split(",")[0] for row in rows] == ["XPBD", "implicit Euler", "implicit Euler"]
+    assert [row["solver"].split(",")[0] for row in rows] == ["XPBD"] + ["XPBD with self-contact"] * 2 + [
+        "implicit Euler"
+    ] * 2
     for row in rows:
         assert row["frames"] == 3 and row["vertices"] == 320 and row["threads"] == 1
         assert 0.0 < row["median_s_per_frame"] <= row["p95_s_per_frame"]

@@ -243,7 +243,7 @@ def test_the_stage_finds_that_limp_cloth_fails_and_writes_all_three(tmp_path):
         "together": {"sets": 4, "accepted": 0.75},
     }
     spec = {"garment": "skirt", "seed": 1, "body": {"resolution": "small", "shape": []}, "base": {"stretch": 500.0}}
-    spec |= {"fps": 30.0, "lead_in": 6, "settle": 0.3, "ranges": search}
+    spec |= {"fps": 30.0, "lead_in": 6, "settle": 0.3, "self_contact": False, "ranges": search}
     outputs = [str(tmp_path / f"skirt.{kind}") for kind in ("yaml", "csv", "svg")]
     main(Job(spec, [str(tmp_path / "skirt.npz"), str(tmp_path / "batch.h5")], outputs, "cpu", 1))
     ranges = yaml.safe_load(Path(outputs[0]).read_text())["garments"]["skirt"]["ranges"]

@@ -31,6 +31,7 @@ _ROWS = (
     "SELF_FRICTION",  # 1
     "THICKNESS",  # [m]
     "MAX_SPEED",  # [m/s]
+    "TETHER_SLACK",  # length of a taut tether over its rest length, 1
 )
 ROW_COUNT = len(_ROWS)
 
@@ -53,10 +54,22 @@ FRICTION = wp.constant(15)
 SELF_FRICTION = wp.constant(16)
 THICKNESS = wp.constant(17)
 MAX_SPEED = wp.constant(18)
+TETHER_SLACK = wp.constant(19)
+
+
+# A tether may be this much longer than the cloth at rest [1], and than the cloth under this many times the weight that
+# hangs on it: what the material really stretches is left to the membrane.
+_TETHER_MARGIN = 0.005
+_TETHER_LOAD = 4.0
+_GRAVITY = 9.81
 
 
 def substep_constants(
-    values: Mapping[str, float], dt: float, extra_damping: float = 0.0, max_speed: float = 1.0e6
+    values: Mapping[str, float],
+    dt: float,
+    extra_damping: float = 0.0,
+    max_speed: float = 1.0e6,
+    tether: float = 0.0,
 ) -> np.ndarray:
     """The column of one lane, shape [ROW_COUNT] float32.
 
@@ -65,6 +78,7 @@ def substep_constants(
         dt: Substep [s].
         extra_damping: Rate at which velocities decay besides air drag [1/s].
         max_speed: Cap on the speed of a vertex [m/s].
+        tether: Length of the longest tether [m].
     """
     scale = dt * dt / values["density"]
     drag = values["air_drag"] / values["density"]
@@ -88,5 +102,6 @@ def substep_constants(
         "SELF_FRICTION": values["self_friction"],
         "THICKNESS": values["thickness"],
         "MAX_SPEED": max_speed,
+        "TETHER_SLACK": 1.0 + _TETHER_MARGIN + _TETHER_LOAD * values["density"] * _GRAVITY * tether / values["stretch"],
     }
     return np.array([rows[name] for name in _ROWS], dtype=np.float32)
