@@ -6,7 +6,7 @@ at the end of each query interval. One interval of n substeps reads:
     move bodies and pins to the end of the interval; carry the cached contact planes along
     normals of the cloth; creases where it is bent beyond its yield
     for j = 1 .. n:
-        every fourth substep: v <- damped v                       membrane and bending, implicit
+        every eighth substep: v <- damped v                       membrane and bending, implicit
         v <- in the air, under gravity;  x_pred <- x + v dt      predict
         membrane: triangles, colour by colour                    Gauss-Seidel, one iteration
         tethers to the pins                                      one-sided
@@ -44,7 +44,7 @@ SOLVER_VERSION = "xpbd-3"
 
 # The implicit damping of a few substeps at once costs little and changes little: with real fabrics' stiffness a single
 # triangle's strain rate is damped away within one substep anyway.
-SUBSTEPS_A_DAMPING = 4
+SUBSTEPS_A_DAMPING = 8
 # Bending is so much softer than the membrane that the impulse of two substeps at once is as good.
 SUBSTEPS_A_BENDING = 2
 
