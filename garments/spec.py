@@ -181,3 +181,29 @@ class MeshGarmentSpec:
         number = isinstance(self.scale, (int, float)) and not isinstance(self.scale, bool)
         if not number or not SCALES[0] <= self.scale <= SCALES[1]:
             raise ValueError(f"{where}: 'scale' must lie in {SCALES[0]:g}..{SCALES[1]:g} m, got {self.scale!r}")
+
+
+@dataclass(frozen=True)
+class OutfitSpec:
+    """Garments worn over each other.
+
+    Attributes:
+        name: Name of the outfit in files and tables.
+        worn: Its garments, innermost first, each with a name of its own.
+
+    Raises:
+        ValueError: with one sentence that names the field and what is allowed.
+    """
+
+    name: str
+    worn: tuple[GarmentSpec | MeshGarmentSpec, ...]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name.strip():
+            raise ValueError("outfit: 'name' must be a non-empty text")
+        names = [one.name for one in self.worn]
+        if len(names) < 2 or not all(isinstance(one, (GarmentSpec, MeshGarmentSpec)) for one in self.worn):
+            raise ValueError(f"outfit '{self.name}': 'worn' must list at least two garments, got {len(names)}")
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise ValueError(f"outfit '{self.name}': two garments are called '{twice}', each needs a name of its own")

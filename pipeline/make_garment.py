@@ -1,14 +1,12 @@
 """Stage ``garment``: make one garment's template on the body in its bind pose.
 
-In: the body and the garment's geometry; for a garment of kind mesh, the user's mesh file. Out: a template ``.npz``.
+In: the body and the garment's geometry; for garments of kind mesh, the user's mesh files. Out: a template ``.npz``.
 """
 
 from __future__ import annotations
 
 from body.model import Body
-from garments.build import build_template
-from garments.import_mesh import import_garment
-from garments.spec import GarmentSpec, MeshGarmentSpec
+from garments.outfit import garment_spec, make_template
 from pipeline.stage import Job, run_stage
 
 
@@ -16,12 +14,7 @@ def main(job: Job) -> None:
     """Build or import the template and save it."""
     spec = job.spec
     body = Body.load(spec["body"]["resolution"]).shaped(spec["body"]["shape"])
-    geometry = dict(spec["geometry"])
-    if geometry["kind"] == "mesh":
-        del geometry["kind"]
-        template = import_garment(MeshGarmentSpec(spec["garment"], **geometry), body)
-    else:
-        template = build_template(GarmentSpec(name=spec["garment"], **geometry), body)
+    template = make_template(garment_spec(spec["garment"], spec["geometry"]), body)
     template.save(job.outputs[0])
     print(f"[garment {spec['garment']}] {len(template.vertices)} vertices, {len(template.faces)} triangles")
 

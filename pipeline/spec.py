@@ -22,14 +22,36 @@ MATERIAL_KEYS = ("fabric", "base", "ranges")
 
 def garment_spec(config: Config, garment: str) -> str:
     """A template depends on the body and on the garment's geometry, not on its material."""
-    geometry = {k: v for k, v in config["garments"][garment].items() if k not in MATERIAL_KEYS}
-    return canonical({"garment": garment, "geometry": geometry, "body": config["body"]})
+    return canonical({"garment": garment, "geometry": garment_geometry(config, garment), "body": config["body"]})
+
+
+def garment_geometry(config: Config, garment: str) -> dict[str, Any]:
+    """The shape of a garment; those of an outfit in the list ``worn``, each with its ``name``."""
+    geometry = _without_material(config["garments"][garment])
+    if geometry["kind"] == "outfit":
+        geometry["worn"] = [_worn_geometry(config, one) for one in geometry["worn"]]
+    return geometry
+
+
+def _worn_geometry(config: Config, one: str | Mapping[str, Any]) -> dict[str, Any]:
+    if isinstance(one, str):
+        return _without_material(config["garments"][one]) | {"name": one}
+    return {"name": worn_name(one), **one}
+
+
+def worn_name(one: str | Mapping[str, Any]) -> str:
+    """Name of a garment in the list ``worn`` of an outfit: one described there is called by its kind."""
+    return one if isinstance(one, str) else one.get("name", one.get("worn_as", one["kind"]))
+
+
+def _without_material(settings: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in settings.items() if key not in MATERIAL_KEYS}
 
 
 def garment_files(config: Config, garment: str) -> list[str]:
     """The user's files that a template is made from: their content counts, not only their names."""
-    settings = config["garments"][garment]
-    return [settings["file"]] if settings["kind"] == "mesh" else []
+    geometry = garment_geometry(config, garment)
+    return [one["file"] for one in geometry.get("worn", [geometry]) if one["kind"] == "mesh"]
 
 
 def motions_spec(config: Config, batch: int) -> str:

@@ -7,6 +7,7 @@ piece of the surface that overlaps its neighbours at the joints. Pure NumPy; ind
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,6 +85,35 @@ def own_parts(
     owned = np.full((len(garment), MAX_OWNED), -1, dtype=np.int32)
     owned[:, : order.shape[1]] = np.where(np.take_along_axis(belongs, order, axis=1), order, -1)
     return ContactParts(faces, owned)
+
+
+def worn_parts(
+    kinds: Sequence[str],
+    layer: np.ndarray,
+    body_faces: np.ndarray,
+    body_index: np.ndarray,
+    body_weight: np.ndarray,
+    garment_index: np.ndarray,
+    garment_weight: np.ndarray,
+) -> ContactParts:
+    """Parts of garments worn together, each by the rule of its own kind; what is alike they share.
+
+    Args:
+        kinds: Kind of each garment.
+        layer: Which of them each vertex belongs to, shape [V].
+        body_faces: As for :func:`own_parts`, like all that follow.
+    """
+    faces: list[np.ndarray] = []
+    owned = np.full((len(layer), MAX_OWNED), -1, dtype=np.int32)
+    for number, kind in enumerate(kinds):
+        mine = layer == number
+        parts = own_parts(kind, body_faces, body_index, body_weight, garment_index[mine], garment_weight[mine])
+        place = np.zeros(len(parts.faces), dtype=np.int32)
+        for part, own in enumerate(parts.faces):
+            place[part] = next((k for k, known in enumerate(faces) if np.array_equal(own, known)), len(faces))
+            faces += [own] if place[part] == len(faces) else []
+        owned[mine] = np.where(parts.owned >= 0, place[parts.owned], -1)
+    return ContactParts(tuple(faces), owned)
 
 
 def _groups(kind: str) -> list[tuple[int, ...]]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from sim.body_contact import BodyContact, sag, two_neighbours
 from sim.body_motion import PELVIS, moved, pelvis_positions, query_times, transforms_at
-from sim.body_parts import own_parts, whole_body
+from sim.body_parts import whole_body, worn_parts
 from sim.compile import resolve_device
 from sim.motion import checked_motion
 from sim.parameters import PARAMETER_NAMES, base_parameters, check_parameters
@@ -140,7 +140,7 @@ class Simulator:
         bind_pins = self.rest.vertices[pinned] - skeleton.centre
         skin = (template.skin_index[pinned], template.skin_weight[pinned])
         pins = Skin(bind_pins, *skin, skeleton.motions, device)
-        folds = SelfContact(self.rest, worlds, device) if self.settings.self_contact else None
+        folds = SelfContact(self.rest, worlds, device, template.layer) if self.settings.self_contact else None
         self.solver = XpbdSolver(self.rest, skeleton, self.contact, pins, device, folds, self.settings.tethers)
         self.strain = StrainMeter(self.rest, worlds, device)
         self._rested: _Rested | None = None
@@ -243,7 +243,7 @@ class Simulator:
         body, template = self.body, self.template
         if self.settings.contact == "own":
             skins = (body.skin_index, body.skin_weight, template.skin_index, template.skin_weight)
-            parts = own_parts(template.kind, body.faces, *skins)
+            parts = worn_parts(template.worn_as, template.layer, body.faces, *skins)
         else:
             parts = whole_body(len(body.faces), len(template.vertices))
         standoff = sag(self.rest.topology.edges, self.rest.edge_length, len(template.vertices))

@@ -47,7 +47,7 @@ CASES = {
     ),
     "unknown garment": (
         "garments: {skirt: {kind: kilt}}",
-        ["mine.yaml: garments.skirt.kind: unknown garment 'kilt'; allowed are mesh, pants, skirt, tshirt"],
+        ["mine.yaml: garments.skirt.kind: unknown garment 'kilt'; allowed are mesh, outfit, pants, skirt, tshirt"],
     ),
     "a mesh without a file": (
         "garments: {coat: {kind: mesh, worn_as: dress}}",

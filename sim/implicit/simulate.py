@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geometry.rotations import slerp_poses
-from sim.body_parts import own_parts, whole_body
+from sim.body_parts import whole_body, worn_parts
 from sim.compile import resolve_device
 from sim.implicit.body_surface import BodySurface
 from sim.implicit.settings import ImplicitSettings
@@ -196,9 +196,8 @@ def _settle(cloth: ImplicitCloth, settings: ImplicitSettings, time_scale: float)
 def _contact_parts(template: GarmentTemplate, body: Body, settings: ImplicitSettings):
     if settings.contact == "whole":
         return whole_body(len(body.faces), len(template.vertices))
-    return own_parts(
-        template.kind, body.faces, body.skin_index, body.skin_weight, template.skin_index, template.skin_weight
-    )
+    skins = (body.skin_index, body.skin_weight, template.skin_index, template.skin_weight)
+    return worn_parts(template.worn_as, template.layer, body.faces, *skins)
 
 
 def _resampled(pose: np.ndarray, root: np.ndarray, intervals: int) -> tuple[np.ndarray, np.ndarray]:
