@@ -41,7 +41,7 @@ SUBSTEPS = (4, 8, 16, 32, 64, 128, 256)
 SHEET_ROWS = (13, 25, 49)
 SKIRT_VERTICES = (600, 1200, 2400)
 MATERIAL = {"density": 0.2, "stretch": 1000.0, "shear": 300.0, "bend": 8.0e-5, "air_drag": 0.8}
-"""Of the default run's skirt."""
+"""A weave of middle weight, soft enough that its own stretch can be measured."""
 
 SHEET_HEIGHT, SHEET_WIDTH = 0.48, 0.24  # [m]
 
@@ -109,7 +109,7 @@ def hanging_sheet(
         body: Body that the pins are fixed to.
         height: Of the sheet [m].
         width: Of the sheet, to the next whole edge [m].
-        values: Intrinsic parameters other than the default run's skirt's.
+        values: Intrinsic parameters other than those of ``MATERIAL``.
     """
     step = height / rows
     edge = step / np.sqrt(0.75)

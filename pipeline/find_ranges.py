@@ -25,7 +25,7 @@ from motions.lead_in import lead_in
 from pipeline.progress import Progress
 from pipeline.stage import Job, run_stage
 from report.ranges_plot import ranges_plot
-from sim.parameters import base_parameters, parameter
+from sim.parameters import ENSEMBLE, base_parameters, parameter
 from sim.range_finder import (
     CRITERIA,
     FoundRange,
@@ -39,9 +39,6 @@ from sim.range_finder import (
 from sim.result import SimulationResult
 from sim.settings import SimulationSettings
 from sim.simulate import Simulator, World
-
-LANES = 16
-"""Parameter sets that are simulated at once."""
 
 FEW = 4
 """Fewer sets than these are faster one after the other."""
@@ -93,7 +90,7 @@ class Attempt:
     ):
         self.criteria, self.fps, self.lead = criteria, settings.fps, lead
         self.one = Simulator(template, body, settings)
-        self.many = Simulator(template, body, settings, worlds=LANES)
+        self.many = Simulator(template, body, settings, worlds=ENSEMBLE)
         self.motions = []
         for clip in clips:
             lead_pose, lead_root = lead_in(clip, body, lead)
@@ -132,7 +129,7 @@ def side_by_side(substeps: Sequence[int]) -> list[list[int]]:
     groups: dict[int, list[int]] = {}
     for index, count in enumerate(substeps):
         groups.setdefault(count, []).append(index)
-    return [group[start : start + LANES] for group in groups.values() for start in range(0, len(group), LANES)]
+    return [group[start : start + ENSEMBLE] for group in groups.values() for start in range(0, len(group), ENSEMBLE)]
 
 
 def measured(result: SimulationResult, fps: float) -> dict[str, float]:
