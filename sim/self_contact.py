@@ -24,6 +24,7 @@ FLAT_EDGES = 4.0
 """Extent of cloth, in mean edge lengths, that cannot meet itself before its normals turn by a right angle."""
 
 _GPU_THREADS = 16384
+_LARGEST = 10.0  # width of a triangle, in the longest edge at rest, that only a diverged world has
 _GROWTH = 1.5
 
 
@@ -51,6 +52,7 @@ class SelfContact:
         self.device, self.width, self.count = device, width, len(rest.vertices)
         edge = float(rest.edge_length.mean())
         self.rest_distance, self.flat_distance = REST_EDGES * edge, FLAT_EDGES * edge
+        self.largest = _LARGEST * float(rest.edge_length.max())
         _, piece = sp.csgraph.connected_components(rest.topology.adjacency(), directed=False)
         layer = _checked_layer(layer, piece)
         self.layered = bool(layer.max() > layer.min())
@@ -145,7 +147,10 @@ class SelfContact:
         for counter in (self.found, self.total):
             counter.zero_()
         self._launch(
-            self_detection.box_triangles, len(self.patches), [interval, self.patches, parameters, x, v], [self.boxes]
+            self_detection.box_triangles,
+            len(self.patches),
+            [interval, self.largest, self.patches, parameters, x, v],
+            [self.boxes],
         )
         self._launch(self_detection.box_leaves, len(self.leaves), [self.leaves, self.tree, self.boxes], [self.nodes])
         for first, count in self.levels:

@@ -213,9 +213,29 @@ def test_lanes_do_not_disturb_each_other():
     speed = np.zeros((16, 98, 3))
     speed[3, :49, 1] = 1.0
     cloth.put(cloth.v, speed)
-    end = cloth.run(0.03)
+    end = cloth.run(32 * DT)
     assert np.abs(end[0] - vertices).max() < 1e-6
-    assert np.abs(end[3] - vertices - speed[3] * 0.03).max() > 0.003
+    assert np.abs(end[3] - vertices - speed[3] * 32 * DT).max() > 0.003
+
+
+def test_a_world_that_has_diverged_costs_and_changes_the_others_nothing():
+    vertices, faces = two_sheets(0.012)
+    speed = np.zeros((16, 98, 3))
+    speed[:, :49, 1] = 0.5
+    ends, counts = [], []
+    for broken in (False, True):
+        cloth = Cloth(vertices, faces, 16)
+        start = np.repeat(vertices[None], 16, axis=0)
+        if broken:
+            start[5], start[6] = np.nan, np.random.default_rng(0).normal(0.0, 1.0e4, (98, 3))
+            start[7] = np.random.default_rng(0).normal(0.0, 1.0, (98, 3))
+        cloth.put(cloth.x, start)
+        cloth.put(cloth.v, speed)
+        assert not cloth.find()
+        counts.append(cloth.contact.found.numpy()[0])
+        ends.append(np.delete(cloth.run(16 * DT), [5, 6, 7], axis=0))
+    assert counts[1] <= counts[0]
+    assert np.array_equal(*ends)
 
 
 def test_the_same_run_twice_is_bitwise_equal():

@@ -25,6 +25,7 @@ SLACK = wp.constant(0.003)
 TRIANGLE_PAIRS = wp.constant(0)
 """Place of the number of triangle pairs among the counters; the other lists' numbers follow."""
 
+_FAR = wp.constant(1.0e6)
 _TINY = wp.constant(1.0e-20)
 
 
@@ -57,13 +58,18 @@ class Node:
 @wp.kernel
 def box_triangles(
     interval: float,
+    largest: float,
     patches: wp.array(dtype=Patch),
     parameters: wp.array(dtype=Any),
     x: wp.array(dtype=Any),
     v: wp.array(dtype=Any),
     boxes: wp.array(dtype=Any),
 ):
-    """Boxes of the triangles now and after ``interval`` substeps at their velocities, six vectors a triangle."""
+    """Boxes of the triangles now and after ``interval`` substeps at their velocities, six vectors a triangle.
+
+    A triangle that is wider than ``largest`` [m], or not finite, belongs to a world that has diverged: its box is put
+    far away, or it would be paired with everything in every world.
+    """
     i = wp.tid()
     corner = patches[i].corner
     dt = parameters[DT]
@@ -83,13 +89,19 @@ def box_triangles(
         for k in range(lanes):
             j = axis * lanes + k
             time = dt[k] * interval
-            low[j] = wp.min(wp.min(x0[j], x1[j]), x2[j])
-            high[j] = -wp.max(wp.max(x0[j], x1[j]), x2[j])
+            least = wp.min(wp.min(x0[j], x1[j]), x2[j])
+            most = wp.max(wp.max(x0[j], x1[j]), x2[j])
             y0 = x0[j] + v0[j] * time
             y1 = x1[j] + v1[j] * time
             y2 = x2[j] + v2[j] * time
-            low_soon[j] = wp.min(wp.min(y0, y1), y2)
-            high_soon[j] = -wp.max(wp.max(y0, y1), y2)
+            least_soon = wp.min(wp.min(y0, y1), y2)
+            most_soon = wp.max(wp.max(y0, y1), y2)
+            sane = most - least < largest
+            calm = most_soon - least_soon < largest
+            low[j] = wp.where(sane, least, _FAR)
+            high[j] = wp.where(sane, -most, _FAR)
+            low_soon[j] = wp.where(calm, least_soon, low[j])
+            high_soon[j] = wp.where(calm, -most_soon, high[j])
     for k in range(lanes):
         y = lanes + k
         z = 2 * lanes + k
@@ -190,6 +202,7 @@ def find_triangle_pairs(
         b1 = nodes[6 * node + 1]
         b2 = nodes[6 * node + 2]
         b3 = nodes[6 * node + 3]
+        meets = thickness
         hits = int(0)
         for k in range(lanes):
             y = lanes + k
@@ -197,7 +210,9 @@ def find_triangle_pairs(
             gap_x = wp.max(gap(a0[k], b1[k], a2[k], b3[k]), gap(b0[k], a1[k], b2[k], a3[k]))
             gap_y = wp.max(gap(a0[y], b1[y], a2[y], b3[y]), gap(b0[y], a1[y], b2[y], a3[y]))
             gap_z = wp.max(gap(a0[z], b1[z], a2[z], b3[z]), gap(b0[z], a1[z], b2[z], a3[z]))
-            hits += wp.where(wp.max(wp.max(gap_x, gap_y), gap_z) < thickness[k] + SLACK, 1, 0)
+            near = wp.where(wp.max(wp.max(gap_x, gap_y), gap_z) < thickness[k] + SLACK, 1.0, 0.0)
+            meets[k] = near
+            hits += int(near)
         other = tree[node]
         if hits > 0 and other.piece == mine.piece and other.piece >= 0:
             if wp.length(other.centre - mine.centre) + wp.where(other.count > 0, 0.0, other.radius) < flat_distance:
@@ -210,7 +225,9 @@ def find_triangle_pairs(
                     cosine = least_product(a4[k], a5[k], b4[k], b5[k])
                     cosine += least_product(a4[y], a5[y], b4[y], b5[y])
                     cosine += least_product(a4[z], a5[z], b4[z], b5[z])
-                    bent += wp.where(cosine < 0.0, 1, 0)
+                    near = wp.where(cosine < 0.0, meets[k], 0.0)
+                    meets[k] = near
+                    bent += int(near)
                 hits = bent
         if hits == 0:
             node = other.escape
@@ -223,8 +240,8 @@ def find_triangle_pairs(
                 c3 = boxes[6 * i + 3]
                 for t in range(wp.max(other.first, i + 1), other.first + other.count):
                     q = patches[t]
-                    near = wp.length(p.centre - q.centre) + wp.max(p.radius, q.radius) < rest_distance
-                    if p.piece != q.piece or not near:
+                    joined = wp.length(p.centre - q.centre) + wp.max(p.radius, q.radius) < rest_distance
+                    if p.piece != q.piece or not joined:
                         d0 = boxes[6 * t]
                         d1 = boxes[6 * t + 1]
                         d2 = boxes[6 * t + 2]
@@ -236,7 +253,8 @@ def find_triangle_pairs(
                             gap_x = wp.max(gap(c0[k], d1[k], c2[k], d3[k]), gap(d0[k], c1[k], d2[k], c3[k]))
                             gap_y = wp.max(gap(c0[y], d1[y], c2[y], d3[y]), gap(d0[y], c1[y], d2[y], c3[y]))
                             gap_z = wp.max(gap(c0[z], d1[z], c2[z], d3[z]), gap(d0[z], c1[z], d2[z], c3[z]))
-                            touches += wp.where(wp.max(wp.max(gap_x, gap_y), gap_z) < thickness[k] + SLACK, 1, 0)
+                            near = wp.where(wp.max(wp.max(gap_x, gap_y), gap_z) < thickness[k] + SLACK, meets[k], 0.0)
+                            touches += int(near)
                         if touches > 0:
                             slot = wp.atomic_add(found, TRIANGLE_PAIRS, 1)
                             if slot < pairs.shape[0]:
