@@ -8,23 +8,31 @@ from __future__ import annotations
 
 import numpy as np
 import warp as wp
+from scipy.spatial import cKDTree
 
 from sim.body_parts import ContactParts
 from sim.kernels import contact as kernels
 from sim.kernels import query
 from sim.kernels.lanes import scalars, vectors
+from sim.kernels.seeds import CELL, SEED_BITS, STAMPS, Seeds, plant_seeds
 from sim.skeleton import Skeleton, Skin
 
 LIMB_RADIUS = 0.05
 """Radius of the narrower limbs, knee and elbow [m]: sets how much coarse triangles stand off."""
 
+SEED_SPACING = 0.025
+"""Distance between seeds on the body in its bind pose [m], more where they would be too many."""
 
 TURNS = 8
-"""A vertex whose world has a motion of its own is searched for exactly in one query of this many."""
+"""A vertex looks for a nearer place on its own limb in one query of this many."""
 
 
 class BodyContact:
-    """Surfaces of a skinned body, one a motion, and the contacts of every lane's garment with its own."""
+    """Surfaces of a skinned body, one a motion, and the contacts of every lane's garment with its own.
+
+    Attributes:
+        pinched: 1 where a vertex of a lane is pinched by the body, else 0; shape [V], a scalar in every lane.
+    """
 
     def __init__(
         self,
@@ -36,10 +44,9 @@ class BodyContact:
         standoff: np.ndarray,
         skeleton: Skeleton,
         reach: float,
-        beside: np.ndarray,
         device: str,
     ):
-        """Keep the part of the body that the garment can meet.
+        """Copy the body to the device and spread seeds over it.
 
         Args:
             vertices: Bind-pose body [m], shape [B, 3].
@@ -49,68 +56,45 @@ class BodyContact:
             parts: Faces of each part and the parts of each garment vertex.
             standoff: Distance that each vertex keeps besides the thickness [m], shape [V]; see :func:`sag`.
             skeleton: Transforms that move the body.
-            reach: Distance up to which a vertex is followed [m].
-            beside: Two neighbours of each vertex in the garment, shape [V, 2].
+            reach: Distance up to which a resting vertex is in contact [m].
             device: Warp device.
         """
         self.device, self.skeleton, self.reach = device, skeleton, float(reach)
         self.count = len(parts.owned)
         width, motions = len(skeleton.lane_motion), skeleton.motions
-        used_faces = np.unique(np.concatenate(parts.faces)) if parts.faces else np.zeros(0, dtype=np.int64)
-        used = np.unique(faces[used_faces])
-        renumber = np.full(len(vertices), -1, dtype=np.int32)
-        renumber[used] = np.arange(len(used))
-        part_faces = [renumber[faces[f]] for f in parts.faces]
-
-        bind = np.asarray(vertices, dtype=np.float64)[used] - skeleton.centre
-        self.skin = Skin(bind, index[used], weight[used], motions, device)
-        first_corner, corners = corner_table(renumber[faces[used_faces]], len(used))
+        bind = np.asarray(vertices, dtype=np.float64) - skeleton.centre
+        self.skin = Skin(bind, index, weight, motions, device)
+        first_corner, corners = corner_table(faces, len(vertices))
         self.first_corner = wp.array(first_corner, dtype=int, device=device)
         self.corners = wp.array(corners, dtype=wp.vec2i, device=device)
-        self.normals_start = wp.zeros(motions * len(used), dtype=wp.vec3, device=device)
-        self.normals_end = wp.zeros(motions * len(used), dtype=wp.vec3, device=device)
-
-        # The parts of a motion share its points at the interval's end; the trees follow by a refit.
+        self.normals_start = wp.zeros(motions * len(vertices), dtype=wp.vec3, device=device)
+        self.normals_end = wp.zeros(motions * len(vertices), dtype=wp.vec3, device=device)
         self.skin.end.assign(np.tile(bind, (motions, 1)).astype(np.float32))
-        self.meshes = [
-            wp.Mesh(
-                self.skin.end[m * len(used) : (m + 1) * len(used)],
-                wp.array(f.ravel(), dtype=int, device=device),
-                bvh_leaf_size=4,
-            )
-            for m in range(motions)
-            for f in part_faces
-        ]
-        sizes = [len(f) for f in part_faces]
-        offsets = np.concatenate([[0], np.cumsum(sizes)[:-1]]) if part_faces else np.zeros(0)
-        stacked = np.concatenate(part_faces) if part_faces else np.zeros((0, 3), dtype=np.int32)
-        across = [_neighbours(f) for f in part_faces]
-        across = [np.where(a >= 0, a + int(o), -1) for a, o in zip(across, offsets)]
-        self.faces = wp.array(stacked, dtype=wp.vec3i, device=device)
+
+        labels = parts.face_bits() | (parts.regions << 16)
+        self.faces = wp.array(np.column_stack([faces, labels]).astype(np.int32), dtype=wp.vec4i, device=device)
         surface = query.Surface()
-        surface.meshes = wp.array([mesh.id for mesh in self.meshes], dtype=wp.uint64, device=device)
-        surface.first_face = wp.array(offsets.astype(np.int32), dtype=int, device=device)
         surface.faces = self.faces
-        surface.neighbours = wp.array(np.concatenate(across) if across else stacked, dtype=wp.vec3i, device=device)
-        part = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)
-        surface.part = wp.array(part, dtype=int, device=device)
-        surface.points, surface.normals = self.skin.end, self.normals_end
-        surface.part_count, surface.body_count = len(part_faces), len(used)
+        across = _neighbours(faces)
+        surface.neighbours = wp.array(across, dtype=wp.vec3i, device=device)
+        surface.joined = wp.array(_borders(parts.regions, across), dtype=int, device=device)
+        surface.start, surface.points, surface.normals = self.skin.start, self.skin.end, self.normals_end
+        surface.body_count = len(vertices)
         self.surface = surface
+        self.seeds = _plant(bind, faces, parts.regions, motions, device)
 
         self.standoff = wp.array(np.asarray(standoff, dtype=np.float32), dtype=float, device=device)
-        self.owned = wp.array(parts.owned, dtype=wp.vec4i, device=device)
+        self.owned = wp.array(parts.owned_bits(), dtype=int, device=device)
         self.near = wp.zeros(self.count, dtype=int, device=device)
-        self.face = wp.full(self.count * width, -1, dtype=int, device=device)
+        self.face, self.own_face, self.other_face = (
+            wp.full(self.count * width, -1, dtype=int, device=device) for _ in range(3)
+        )
         self.barycentric = wp.zeros(self.count * width, dtype=wp.vec3, device=device)
         self.lean = wp.zeros(self.count * width, dtype=wp.vec3, device=device)
-        self.clearance = wp.zeros(self.count, dtype=scalars(width), device=device)
-        self.distance = wp.zeros(self.count, dtype=scalars(width), device=device)
+        self.clearance, self.distance, self.pinched = (
+            wp.zeros(self.count, dtype=scalars(width), device=device) for _ in range(3)
+        )
         self.planes = [wp.zeros(self.count, dtype=vectors(width), device=device) for _ in range(4)]
-        self.shared_motion = int(width > 1 and motions == 1)
-        # The lanes of one motion learn from each other, so that fewer need to be searched for.
-        self.turns = 2 * width if self.shared_motion else TURNS
-        self.beside = wp.array(np.asarray(beside, dtype=np.int32), dtype=wp.vec2i, device=device)
         self._turn = 0
 
     def distances(self) -> np.ndarray:
@@ -119,8 +103,6 @@ class BodyContact:
 
     def launch_motion(self) -> None:
         """Record: move the bodies to the end of the next interval and carry the contact planes along."""
-        if not self.meshes:
-            return
         skin = self.skin
         skin.launch(self.skeleton)
         inputs = [skin.count, self.first_corner, self.corners, skin.end]
@@ -134,8 +116,6 @@ class BodyContact:
         self, fraction: float, step: float, inverse_mass: wp.array, x_prev: wp.array, parameters: wp.array, x: wp.array
     ) -> None:
         """Record: contact and friction of one substep at ``fraction`` of the interval."""
-        if not self.meshes:
-            return
         inputs = [fraction, step, inverse_mass, self.near, self.clearance, *self.planes, x_prev, parameters]
         wp.launch(kernels.solve_contact, self.count, inputs, [x], device=self.device)
 
@@ -147,9 +127,8 @@ class BodyContact:
         x: wp.array,
         steps: int = 0,
         passes: int = 3,
-        reach: float | None = None,
     ) -> None:
-        """Refit to the end of the interval, put vertices outside and cache their contacts. Never inside a graph.
+        """At the end of an interval: put vertices outside and cache their contacts. Never inside a graph.
 
         Args:
             inverse_mass: Of the vertices, 0 where pinned, shape [V].
@@ -158,34 +137,83 @@ class BodyContact:
             x: Positions [m], shape [V]; moved where they are too deep.
             steps: Substeps since the last call.
             passes: How often a vertex is moved out at most; 0 only measures.
-            reach: Distance up to which vertices are looked for [m] where it differs from that of the motion.
         """
-        if not self.meshes:
-            return
-        for mesh in self.meshes:
-            mesh.refit()
-        self._turn = (self._turn + 1) % self.turns
-        inputs = [self.reach if reach is None else reach, passes, self._turn, self.turns]
-        inputs += [
-            float(steps),
-            self.skin.travel,
-            self.skeleton.device_lane_motion,
-            self.shared_motion,
-            inverse_mass,
-            self.standoff,
-            self.owned,
-            self.beside,
-        ]
-        inputs += [self.surface, parameters, v]
-        outputs = [x, self.near, self.face, self.barycentric, self.lean, self.clearance, self.distance]
+        skin, seeds = self.skin, self.seeds
+        if seeds.stamp == 1:
+            seeds.grid.fill_(_NO_ENTRY)
+            seeds.stamp = STAMPS
+        else:
+            seeds.stamp -= 1
+        inputs = [self.faces, skin.count, skin.end]
+        wp.launch(plant_seeds, skin.motions * seeds.count, [*inputs, seeds], device=self.device)
+        self._turn = (self._turn + 1) % TURNS
+        inputs = [self.reach, passes, self._turn, TURNS, float(steps), self.skeleton.device_lane_motion]
+        inputs += [inverse_mass, self.standoff, self.owned, self.surface, seeds, parameters, v]
+        outputs = [x, self.near, self.own_face, self.other_face, self.face, self.barycentric, self.lean]
+        outputs += [self.clearance, self.distance, self.pinched]
         wp.launch(query.find_contacts, self.count, inputs, outputs, device=self.device)
 
     def forget(self) -> None:
         """Drop the cached contacts, before the garment is put somewhere else."""
         self.near.zero_()
-        self.face.fill_(-1)
+        for face in (self.face, self.own_face, self.other_face):
+            face.fill_(-1)
         self.distance.zero_()
         self._turn = 0
+
+
+_NO_ENTRY = 2**31 - 1
+
+
+def _plant(bind: np.ndarray, faces: np.ndarray, regions: np.ndarray, motions: int, device: str) -> Seeds:
+    """Seeds spread evenly over the body, and an empty grid for them."""
+    face, weight = _spread(bind, faces, 0.5 * SEED_SPACING)
+    spots = np.einsum("sk,skc->sc", weight, bind[faces[face]])
+    spacing = SEED_SPACING
+    chosen = _thinned(spots, spacing)
+    while len(chosen) > 2**SEED_BITS:
+        spacing *= 1.2
+        chosen = chosen[_thinned(spots[chosen], spacing)]
+    face, weight = face[chosen], weight[chosen]
+    used, region = np.unique(regions, return_inverse=True)
+    extent = max(np.ptp(bind[faces[region == r]].reshape(-1, 3), axis=0).max() for r in range(len(used)))
+    seeds = Seeds()
+    seeds.face = wp.array(face.astype(np.int32), dtype=int, device=device)
+    seeds.region = wp.array(region[face].astype(np.int32), dtype=int, device=device)
+    seeds.weight = wp.array(weight.astype(np.float32), dtype=wp.vec3, device=device)
+    seeds.point = wp.zeros(motions * len(face), dtype=wp.vec3, device=device)
+    seeds.count, seeds.regions, seeds.stamp = len(face), len(used), STAMPS
+    seeds.cells = 2 ** int(np.ceil(np.log2(max(1.5 * extent / CELL, 8.0))))
+    seeds.grid = wp.full(motions * seeds.cells**3 * seeds.regions, _NO_ENTRY, dtype=int, device=device)
+    return seeds
+
+
+def _spread(points: np.ndarray, faces: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Faces and weights of points that lie on every face, at most ``spacing`` apart on it."""
+    corner = points[faces]
+    longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
+    pieces = np.clip(np.ceil(longest / spacing), 1, 64).astype(int)
+    which, weights = [], []
+    for n in np.unique(pieces):
+        i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+        i, j = i[i + j < n], j[i + j < n]
+        grid = np.stack([i, j, n - 1 - i - j], axis=1) + 1.0 / 3.0
+        members = np.flatnonzero(pieces == n)
+        which.append(np.repeat(members, len(grid)))
+        weights.append(np.tile(grid / n, (len(members), 1)))
+    return np.concatenate(which), np.concatenate(weights)
+
+
+def _thinned(points: np.ndarray, spacing: float) -> np.ndarray:
+    """Points of which no two are nearer than ``spacing``, the first ones first."""
+    tree = cKDTree(points)
+    alive = np.ones(len(points), dtype=bool)
+    for i in range(len(points)):
+        if alive[i]:
+            near = tree.query_ball_point(points[i], spacing)
+            alive[near] = False
+            alive[i] = True
+    return np.flatnonzero(alive)
 
 
 def sag(edges: np.ndarray, edge_length: np.ndarray, vertex_count: int) -> np.ndarray:
@@ -198,15 +226,6 @@ def sag(edges: np.ndarray, edge_length: np.ndarray, vertex_count: int) -> np.nda
     total = np.bincount(ends, np.repeat(edge_length, 2), minlength=vertex_count)
     mean = total / np.maximum(np.bincount(ends, minlength=vertex_count), 1)
     return mean**2 / (8.0 * LIMB_RADIUS)
-
-
-def two_neighbours(edges: np.ndarray, vertex_count: int) -> np.ndarray:
-    """Two neighbours of each vertex, opposite as far as its list of edges goes, shape [V, 2]."""
-    both = np.concatenate([edges, edges[:, ::-1]])
-    both = both[np.argsort(both[:, 0], kind="stable")]
-    counts = np.bincount(both[:, 0], minlength=vertex_count)
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    return np.stack([both[first, 1], both[first + counts // 2, 1]], axis=1).astype(np.int32)
 
 
 def corner_table(faces: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -227,3 +246,13 @@ def _neighbours(faces: np.ndarray) -> np.ndarray:
     same = np.flatnonzero(key[order][1:] == key[order][:-1])
     twin[order[same]], twin[order[same + 1]] = order[same + 1], order[same]
     return np.where(twin >= 0, twin // 3, -1).reshape(-1, 3).astype(np.int32)
+
+
+def _borders(regions: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """For each region, itself and those that it shares an edge with, as bits."""
+    count = int(regions.max()) + 1
+    joined = np.eye(count, dtype=bool)
+    here, there = np.repeat(regions, 3), regions[np.maximum(across, 0).ravel()]
+    inner = across.ravel() >= 0
+    joined[here[inner], there[inner]] = True
+    return (joined @ (1 << np.arange(count))).astype(np.int32)

@@ -1,8 +1,9 @@
-"""Which parts of the body a garment vertex collides with.
+"""Which parts of the body a garment vertex belongs to.
 
-Where the body passes through itself (arm pressed to the torso, thigh on thigh), cloth between the two surfaces can
-satisfy neither. So a vertex collides only with the parts it belongs to by its skinning weights; a body part is an open
-piece of the surface that overlaps its neighbours at the joints. Pure NumPy; indices follow the 24 SMPL joints.
+Where the body passes through itself (arm pressed to the torso, thigh on thigh), cloth between the two surfaces cannot
+satisfy both. So a vertex belongs to some parts by its skinning weights, and where there is no room it follows these; a
+body part is an open piece of the surface that overlaps its neighbours at the joints. Pure NumPy; indices follow the 24
+SMPL joints.
 """
 
 from __future__ import annotations
@@ -38,17 +39,37 @@ class ContactParts:
     Attributes:
         faces: Face indices into the body of each part.
         owned: Part indices of each garment vertex, padded with -1, shape [V, 4].
+        regions: Which limb each face of the body belongs to, shape [F].
     """
 
     faces: tuple[np.ndarray, ...]
     owned: np.ndarray
+    regions: np.ndarray
+
+    def face_bits(self) -> np.ndarray:
+        """The parts of each face of the body as bits, shape [F]."""
+        bits = np.zeros(len(self.regions), dtype=np.int32)
+        for part, faces in enumerate(self.faces):
+            bits[faces] |= 1 << part
+        return bits
+
+    def owned_bits(self) -> np.ndarray:
+        """The parts of each garment vertex as bits, shape [V]."""
+        return np.where(self.owned >= 0, 1 << np.maximum(self.owned, 0), 0).sum(axis=1).astype(np.int32)
 
 
-def whole_body(face_count: int, vertex_count: int) -> ContactParts:
-    """Every vertex collides with every face."""
+def whole_body(face_count: int, vertex_count: int, regions: np.ndarray | None = None) -> ContactParts:
+    """Every vertex collides with every face; ``regions`` as in ``ContactParts``, one where None."""
     owned = np.full((vertex_count, MAX_OWNED), -1, dtype=np.int32)
     owned[:, 0] = 0
-    return ContactParts((np.arange(face_count),), owned)
+    regions = np.zeros(face_count, dtype=np.int32) if regions is None else regions
+    return ContactParts((np.arange(face_count),), owned, regions)
+
+
+def body_regions(body_faces: np.ndarray, body_index: np.ndarray, body_weight: np.ndarray) -> np.ndarray:
+    """The limb of ``BODY_PARTS`` that has most of the skinning weight of each face, shape [F]."""
+    weights = _part_weights(list(BODY_PARTS.values()), body_index, body_weight)
+    return np.argmax(weights[body_faces].mean(axis=1), axis=1).astype(np.int32)
 
 
 def own_parts(
@@ -84,7 +105,7 @@ def own_parts(
     order = np.argsort(-np.where(belongs, garment[:, used], -1.0), axis=1, kind="stable")[:, :MAX_OWNED]
     owned = np.full((len(garment), MAX_OWNED), -1, dtype=np.int32)
     owned[:, : order.shape[1]] = np.where(np.take_along_axis(belongs, order, axis=1), order, -1)
-    return ContactParts(faces, owned)
+    return ContactParts(faces, owned, body_regions(body_faces, body_index, body_weight))
 
 
 def worn_parts(
@@ -113,7 +134,7 @@ def worn_parts(
             place[part] = next((k for k, known in enumerate(faces) if np.array_equal(own, known)), len(faces))
             faces += [own] if place[part] == len(faces) else []
         owned[mine] = np.where(parts.owned >= 0, place[parts.owned], -1)
-    return ContactParts(tuple(faces), owned)
+    return ContactParts(tuple(faces), owned, body_regions(body_faces, body_index, body_weight))
 
 
 def _groups(kind: str) -> list[tuple[int, ...]]:

@@ -15,9 +15,9 @@ class SimulationSettings:
         fps: Frames of the clip a second [Hz].
         device: ``auto`` (CUDA where Warp finds it), ``cpu`` or ``cuda``.
         queries_per_frame: Exact closest-point queries a frame; two at 30 fps make the 60 Hz that fast limbs need.
-        reach: Distance up to which a vertex is followed by the query [m]: thickness plus relative motion in a query
-            interval.
-        contact: ``own`` (a vertex collides with the body parts it belongs to) or ``whole``.
+        reach: Distance up to which a vertex at rest is in contact [m]; one that approaches is from farther away.
+        contact: ``own`` (a vertex that the body pinches follows the parts it belongs to) or ``whole`` (it follows the
+            nearest surface).
         self_contact: Whether layers of the garment keep apart.
         tethers: Whether cloth that hangs on pins is kept from artificial stretch by tethers.
         settle_seconds: Longest time the garment may settle on the standing body [s].
@@ -31,7 +31,7 @@ class SimulationSettings:
     fps: float = 30.0
     device: str = "auto"
     queries_per_frame: int = 2
-    reach: float = 0.04
+    reach: float = 0.03
     contact: str = "own"
     self_contact: bool = True
     tethers: bool = True

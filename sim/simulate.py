@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim.body_contact import BodyContact, sag, two_neighbours
+from geometry.proximity import closest_surface
+from sim.body_contact import BodyContact, sag
 from sim.body_motion import PELVIS, moved, pelvis_positions, query_times, transforms_at
-from sim.body_parts import whole_body, worn_parts
+from sim.body_parts import body_regions, whole_body, worn_parts
 from sim.compile import resolve_device
 from sim.motion import checked_motion
-from sim.parameters import PARAMETER_NAMES, base_parameters, check_parameters
+from sim.parameters import PARAMETER_NAMES, check_parameters
 from sim.rest_state import RestState
 from sim.result import SimulationResult
 from sim.self_contact import SelfContact
@@ -245,11 +246,11 @@ class Simulator:
             skins = (body.skin_index, body.skin_weight, template.skin_index, template.skin_weight)
             parts = worn_parts(template.worn_as, template.layer, body.faces, *skins)
         else:
-            parts = whole_body(len(body.faces), len(template.vertices))
+            regions = body_regions(body.faces, body.skin_index, body.skin_weight)
+            parts = whole_body(len(body.faces), len(template.vertices), regions)
         standoff = sag(self.rest.topology.edges, self.rest.edge_length, len(template.vertices))
         surface = (body.vertices, body.faces, body.skin_index, body.skin_weight)
-        beside = two_neighbours(self.rest.topology.edges, len(template.vertices))
-        return BodyContact(*surface, parts, standoff, skeleton, self.settings.reach, beside, device)
+        return BodyContact(*surface, parts, standoff, skeleton, self.settings.reach, device)
 
     def _lanes(self, worlds: Sequence[World]) -> list[World]:
         """A world for every lane; ``ValueError`` for too many or none, or motions that cannot go together."""
@@ -347,9 +348,7 @@ class Simulator:
     def _check_start(self) -> None:
         """The template on its bind-pose body: no vertex may start deeper inside than the settings allow."""
         allowed = self.settings.start_depth
-        self._set_parameters([base_parameters()] * self.worlds, 0.0)
-        self.solver.place(self.rest.vertices, None, *self._bind(), passes=0, reach=1.0)
-        depth = -self.contact.distances()[0]
+        depth = -closest_surface(self.rest.vertices, self.body.vertices, self.body.faces).distance
         if depth.max(initial=0.0) > allowed:
             worst = int(np.argmax(depth))
             raise ValueError(

@@ -14,10 +14,10 @@ at the end of each query interval. One interval of n substeps reads:
         cloth against cloth: the pairs that were found near each other
         contact planes at j/n of the interval, friction          last, so that it holds at the end
         v <- v + (x - x_pred) / dt
-    refit the bodies; put vertices outside the exact surface; cache the closest points for the next interval
+    put vertices outside the exact surface; cache the closest points for the next interval
     list what of the cloth may meet other cloth in the next interval
 
-The whole interval but the refit is recorded once as a graph and replayed: on a CPU this takes the launch overhead away.
+The whole interval but the search is recorded once as a graph and replayed: on a CPU this saves the launch overhead.
 Positions are relative to floating origins that the caller moves with the pelvis; velocities are those of the world.
 """
 
@@ -137,7 +137,6 @@ class XpbdSolver:
         transforms: np.ndarray,
         origins: np.ndarray,
         passes: int = 3,
-        reach: float | None = None,
         crease: np.ndarray | None = None,
     ) -> None:
         """Put garments and bodies somewhere and find the contacts there.
@@ -148,7 +147,6 @@ class XpbdSolver:
             transforms: Skinning transforms of the bodies, bind to world, shape [J, 4, 4] or [M, J, 4, 4].
             origins: Floating origins [m], shape [3] or [M, 3].
             passes: How often a vertex inside the body is moved out at most; 0 only measures.
-            reach: Radius of the query [m] where it differs from that of the motion.
             crease: Crease of each hinge as :meth:`creases` gives it; None for none.
         """
         transforms, origins = self._motions(transforms, origins)
@@ -164,7 +162,7 @@ class XpbdSolver:
         self.v.assign(self._in_lanes(np.asarray(still)))
         self.crease.zero_() if crease is None else self.crease.assign(crease)
         if self.contact is not None:
-            self.contact.find(self.inverse_mass, self.parameters, self.v, self.x, 0, passes, reach)
+            self.contact.find(self.inverse_mass, self.parameters, self.v, self.x, 0, passes)
 
     def advance(self, substeps: int, transforms: np.ndarray, origins: np.ndarray) -> None:
         """Simulate one query interval.

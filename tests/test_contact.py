@@ -12,7 +12,7 @@ from body.model import Body
 from garments.template import GarmentTemplate
 from geometry.proximity import closest_surface
 from geometry.rotations import axis_angle_to_matrix, matrix_to_axis_angle
-from sim.body_contact import BodyContact, sag, two_neighbours
+from sim.body_contact import BodyContact, sag
 from sim.body_parts import own_parts, whole_body
 from sim.compile import resolve_device
 from sim.parameters import base_parameters
@@ -56,7 +56,6 @@ def cloth_on(body: trimesh.Trimesh, vertices: np.ndarray, faces: np.ndarray, dt:
         standoff,
         skeleton,
         reach=0.05,
-        beside=two_neighbours(rest.topology.edges, len(vertices)),
         device=DEVICE,
     )
     solver = XpbdSolver(rest, skeleton, contact, Skin(np.zeros((0, 3)), one[0][:0], one[1][:0], 1, DEVICE), DEVICE)
@@ -238,7 +237,9 @@ def test_clip_moved_and_turned_on_the_ground(body, skirt):
     turned_root = (root + pelvis) @ turn.T - pelvis + offset
     plain = simulate_clip(skirt, body, pose, root, 4, base_parameters(), SETTINGS).vertices
     turned = simulate_clip(skirt, body, turned_pose, turned_root, 4, base_parameters(), SETTINGS).vertices
-    assert np.abs(turned - (plain @ turn.T + offset)).max() < 2e-3
+    # A turn by 1e-4 already moves single vertices by 0.7 mm: rounding decides which face of an edge is the closest.
+    difference = np.abs(turned - (plain @ turn.T + offset))
+    assert difference.max() < 5e-3 and np.sqrt((difference**2).mean()) < 3e-4
 
 
 @pytest.mark.parametrize(

@@ -82,8 +82,8 @@ def smooth_normals(
 
 
 @wp.func
-def blend(values: wp.array(dtype=wp.vec3), first: int, corner: wp.vec3i, barycentric: wp.vec3):
-    """Value at a point of a face, for the body whose points begin at ``first``."""
+def blend(values: wp.array(dtype=wp.vec3), first: int, corner: wp.vec4i, barycentric: wp.vec3):
+    """Value at a point of a face with the first three of ``corner``, of the body whose points begin at ``first``."""
     return (
         values[first + corner[0]] * barycentric[0]
         + values[first + corner[1]] * barycentric[1]
@@ -96,7 +96,7 @@ def carry_planes(
     body_count: int,
     lane_motion: wp.array(dtype=int),
     near: wp.array(dtype=int),
-    faces: wp.array(dtype=wp.vec3i),
+    faces: wp.array(dtype=wp.vec4i),
     face: wp.array(dtype=int),
     barycentric: wp.array(dtype=wp.vec3),
     points_start: wp.array(dtype=wp.vec3),

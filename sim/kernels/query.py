@@ -1,9 +1,11 @@
 """Closest points of the body to the garment's vertices, at the end of a query interval.
 
-A search of the body's tree takes a microsecond a vertex, a *walk* over the surface from the face of the last query a
-tenth of it. So a vertex near the body walks, and a face that another found is tried too, for a walk can end in a local
-minimum; in turn, one vertex in a few is searched for exactly. A vertex far from the body is left alone until it
-and the body together could have covered the distance.
+A vertex *walks* over the surface from the face of the last query, and from the seeds of ``sim.kernels.seeds`` where
+another limb may have come nearer or where it had no face.
+
+Every vertex belongs to some parts of the body, and follows its own surface whatever happens. It also collides with the
+rest of the body, where there is room for that: between two surfaces that face each other across less than twice the
+thickness, an arm and the trunk say, cloth can satisfy only one. It is *pinched*, and follows its own.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import warp as wp
 from sim.kernels.contact import FAR, blend
 from sim.kernels.lanes import LANE_OPTIONS, WIDTHS, declare
 from sim.kernels.parameters import DT, THICKNESS
+from sim.kernels.seeds import Seeds, cell_at, seed_in
 
 wp.set_module_options(LANE_OPTIONS)
 
@@ -25,77 +28,46 @@ _ALIGNED = wp.constant(0.5)
 _TOUCHING = wp.constant(1.0e-4)
 _LONGEST_WALK = wp.constant(24)
 _LONGEST_CIRCLE = wp.constant(8)
-# How much further than the reach a search looks [1]: what it finds there is left alone for a while.
-_LOOKOUT = wp.constant(3.0)
-# The way of a vertex is taken from its velocity at the end, with this margin [1] and [m] for what it was before.
-_MARGIN = wp.constant(1.5)
-_MARGIN_LENGTH = wp.constant(0.002)
-# A neighbour's face must be this much nearer [1] to be worth a walk.
-_NEARER = wp.constant(0.99)
+# A vertex that is not followed has no walk to start from: so far [m] it is followed, as cells reach.
+_FOLLOWED = wp.constant(0.10)
+# Contact is kept within the reach and this much [1] of the way that body and vertex went relative to each other.
+_AHEAD = wp.constant(1.5)
+# A seed may be this much farther [m] than the closest point on the same limb, or hardly ever is: it is near the middle
+# of the cell, not near the vertex.
+_SEED_SLACK = wp.constant(0.06)
+# Cloth this near its own surface [m] has no room for another limb that comes from behind: it is enough to look close.
+_SNUG = wp.constant(0.01)
+_SNUG_SLACK = wp.constant(0.025)
+# How near another part of the body must be to matter [m].
+_OTHER_REACH = wp.constant(0.05)
+# Cloth deeper [m] in a part of the body that it does not belong to is nearer to the wrong side of a forearm or hand.
+_DEEPEST_PUSH = wp.constant(0.015)
+# Normals that meet at more than this (cosine) face each other.
+_OPPOSED = wp.constant(-0.2)
 
 
 @wp.struct
 class Surface:
-    """The parts of the stacked bodies: trees, faces, and the faces across the edges 12, 20 and 01 of each face."""
+    """The stacked bodies: faces with their parts and region, and the faces across the edges 12, 20 and 01 of each."""
 
-    meshes: wp.array(dtype=wp.uint64)
-    first_face: wp.array(dtype=int)
-    faces: wp.array(dtype=wp.vec3i)
+    faces: wp.array(dtype=wp.vec4i)  # corners, then parts as bits and region << 16
     neighbours: wp.array(dtype=wp.vec3i)
-    part: wp.array(dtype=int)
+    start: wp.array(dtype=wp.vec3)
     points: wp.array(dtype=wp.vec3)
     normals: wp.array(dtype=wp.vec3)
-    part_count: int
+    joined: wp.array(dtype=int)  # regions that each region borders on, as bits
     body_count: int
 
 
 @wp.struct
 class Hit:
-    """Closest point of a vertex on the parts of the body that it belongs to."""
+    """Closest point of a vertex on a part of the body."""
 
-    face: int  # -1: none within reach
+    face: int  # -1: none
     barycentric: wp.vec3
     point: wp.vec3
     normal: wp.vec3  # smooth
     distance: float  # signed [m], negative inside
-
-
-@wp.func
-def signed(s: Surface, first: int, face: int, barycentric: wp.vec3, position: wp.vec3):
-    """The hit at a point of a face; none where the vertex lies past the rim of a part, which is an open surface."""
-    hit = Hit()
-    corner = s.faces[face]
-    hit.barycentric = barycentric
-    hit.point = blend(s.points, first, corner, barycentric)
-    hit.normal = wp.normalize(blend(s.normals, first, corner, barycentric))
-    away = position - hit.point
-    distance = wp.length(away)
-    above = wp.dot(away, hit.normal)
-    hit.distance = wp.where(above < 0.0, -distance, distance)
-    hit.face = face
-    if above < 0.0 and -above <= _ALIGNED * distance and distance >= _TOUCHING:
-        hit.face = -1
-    return hit
-
-
-@wp.func
-def search(s: Surface, motion: int, owned: wp.vec4i, position: wp.vec3, reach: float):
-    """Closest point within ``reach`` by the trees of the owned parts."""
-    best = Hit()
-    best.face = -1
-    nearest = float(reach)
-    for slot in range(4):
-        part = owned[slot]
-        if part >= 0:
-            query = wp.mesh_query_point_no_sign(s.meshes[motion * s.part_count + part], position, nearest)
-            if query.result:
-                barycentric = wp.vec3(query.u, query.v, 1.0 - query.u - query.v)
-                face = s.first_face[part] + query.face
-                hit = signed(s, motion * s.body_count, face, barycentric, position)
-                if hit.face >= 0:
-                    nearest = wp.abs(hit.distance)
-                    best = hit
-    return best
 
 
 @wp.func
@@ -135,61 +107,140 @@ def closest_on_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3, p: wp.vec3):
 
 
 @wp.func
-def walk(s: Surface, first: int, start: int, position: wp.vec3):
-    """From a face to the neighbour that comes nearer, until none does: the hit there."""
-    face = start
-    corner = s.faces[face]
+def is_own(corner: wp.vec4i, owned: int):
+    """1 where a face belongs to one of the owned parts, else 0."""
+    return wp.where((corner[3] & owned) != 0, 1, 0)
+
+
+@wp.func
+def walk(s: Surface, first: int, start: int, position: wp.vec3, owned: int, own: int):
+    """From a face to the neighbour that comes nearer, until none does: the hit there.
+
+    The walk stays on owned faces (``own`` = 1) or on others (0). Past the rim of these, an open surface, there is no
+    hit for a vertex that seems to lie below it.
+    """
+    hit = Hit()
+    hit.face = start
+    corner = s.faces[start]
     barycentric = closest_on_triangle(
         s.points[first + corner[0]], s.points[first + corner[1]], s.points[first + corner[2]], position
     )
+    point = blend(s.points, first, corner, barycentric)
     beyond = barycentric
-    distance = wp.length_sq(position - blend(s.points, first, corner, barycentric))
+    distance = wp.length_sq(position - point)
     circled = int(0)
+    rim = int(0)
     for _ in range(_LONGEST_WALK):
-        across = s.neighbours[face]
+        if barycentric[0] > 0.0 and barycentric[1] > 0.0 and barycentric[2] > 0.0:
+            break
+        across = s.neighbours[hit.face]
         onward = int(-1)
         aside = int(-1)
+        rim = int(0)
         for edge in range(3):
-            other = across[edge]
-            if barycentric[edge] == 0.0 and other >= 0 and onward < 0:
-                c = s.faces[other]
-                b = closest_on_triangle(
-                    s.points[first + c[0]], s.points[first + c[1]], s.points[first + c[2]], position
-                )
-                d = wp.length_sq(position - blend(s.points, first, c, b))
-                if d < distance * 0.99999:
-                    onward = other
-                    barycentric = b
-                    distance = d
-                elif barycentric[(edge + 1) % 3] == 0.0:
-                    aside = other
-                    beyond = b
+            if barycentric[edge] == 0.0 and onward < 0:
+                other = across[edge]
+                within = int(0)
+                if other >= 0:
+                    c = s.faces[other]
+                    if is_own(c, owned) == own:
+                        within = 1
+                        b = closest_on_triangle(
+                            s.points[first + c[0]], s.points[first + c[1]], s.points[first + c[2]], position
+                        )
+                        d = wp.length_sq(position - blend(s.points, first, c, b))
+                        if d < distance * 0.99999:
+                            onward = other
+                            barycentric = b
+                            distance = d
+                        elif barycentric[(edge + 1) % 3] == 0.0:
+                            aside = other
+                            beyond = b
+                if within == 0:
+                    rim = 1
         if onward >= 0:
-            face = onward
+            hit.face = onward
             circled = 0
         elif aside >= 0 and circled < _LONGEST_CIRCLE:
             # The closest point is a vertex: a nearer face may come further around it.
-            face = aside
+            hit.face = aside
             barycentric = beyond
             circled += 1
         else:
             break
-    return signed(s, first, face, barycentric, position)
+    corner = s.faces[hit.face]
+    hit.barycentric = barycentric
+    hit.point = blend(s.points, first, corner, barycentric)
+    hit.normal = wp.normalize(blend(s.normals, first, corner, barycentric))
+    away = position - hit.point
+    length = wp.length(away)
+    above = wp.dot(away, hit.normal)
+    hit.distance = wp.where(above < 0.0, -length, length)
+    if rim == 1 and above < 0.0 and -above <= _ALIGNED * length and length >= _TOUCHING:
+        hit.face = -1
+    return hit
 
 
 @wp.func
-def owns(owned: wp.vec4i, part: int):
-    return owned[0] == part or owned[1] == part or owned[2] == part or owned[3] == part
+def follow(s: Surface, first: int, last: int, position: wp.vec3, owned: int, own: int):
+    """The hit of a walk from the face of the last query, if there was one and it is not far by now."""
+    hit = Hit()
+    hit.face = -1
+    if last >= 0:
+        hit = walk(s, first, last, position, owned, own)
+        if wp.abs(hit.distance) > _FOLLOWED:
+            hit.face = -1
+    return hit
 
 
 @wp.func
-def distance_to_face(s: Surface, first: int, face: int, position: wp.vec3):
-    corner = s.faces[face]
-    a = s.points[first + corner[0]]
-    b = s.points[first + corner[1]]
-    c = s.points[first + corner[2]]
-    w = closest_on_triangle(a, b, c, position)
-    return wp.length(position - (a * w[0] + b * w[1] + c * w[2]))
+def nearer(one: Hit, another: Hit):
+    """The nearer of two hits, each of which may be none, or far by mistake: cells repeat in space."""
+    best = one
+    distance = wp.abs(another.distance)
+    if another.face >= 0 and distance < _FOLLOWED and (one.face < 0 or distance < wp.abs(one.distance)):
+        best = another
+    return best
+
+
+@wp.func
+def region_of(s: Surface, hit: Hit):
+    """The limb that a hit lies on, -1 for none."""
+    region = int(-1)
+    if hit.face >= 0:
+        region = s.faces[hit.face][3] >> 16
+    return region
+
+
+@wp.func
+def way_out(hit: Hit, position: wp.vec3):
+    """Direction from the closest point to the outside."""
+    away = hit.normal
+    if wp.abs(hit.distance) > _TOUCHING:
+        away = (position - hit.point) / hit.distance
+    return away
+
+
+@wp.func
+def pinches(s: Surface, own: Hit, other: Hit, thickness: float):
+    """Whether there is too little room for cloth between its own surface and another, or it is deep in that.
+
+    On the limb next to its own, below a bulging shoulder, cloth has room still: that skin looks the same way.
+    """
+    tight = other.distance < -_DEEPEST_PUSH
+    if own.face >= 0 and not tight:
+        if own.distance + other.distance < 2.0 * thickness:
+            here = s.faces[own.face][3] >> 16
+            there = s.faces[other.face][3] >> 16
+            joined = (s.joined[here] >> there) & 1
+            tight = joined == 0 or wp.dot(own.normal, other.normal) < _OPPOSED
+    return tight
+
+
+@wp.func
+def way_towards(s: Surface, first: int, hit: Hit, step: wp.vec3):
+    """How the closest point moved in the last interval relative to a vertex that moved by ``step`` [m]."""
+    return hit.point - blend(s.start, first, s.faces[hit.face], hit.barycentric) - step
 
 
 @wp.kernel
@@ -199,23 +250,24 @@ def find_contacts(
     turn: int,
     turns: int,
     steps: float,
-    travel: wp.array(dtype=float),
     lane_motion: wp.array(dtype=int),
-    shared_motion: int,
     inverse_mass: wp.array(dtype=float),
     standoff: wp.array(dtype=float),
-    owned: wp.array(dtype=wp.vec4i),
-    beside: wp.array(dtype=wp.vec2i),
+    owned: wp.array(dtype=int),
     surface: Surface,
+    seeds: Seeds,
     parameters: wp.array(dtype=Any),
     v: wp.array(dtype=Any),
     x: wp.array(dtype=Any),
     near: wp.array(dtype=int),
+    own_face: wp.array(dtype=int),
+    other_face: wp.array(dtype=int),
     face: wp.array(dtype=int),
     barycentric: wp.array(dtype=wp.vec3),
     lean: wp.array(dtype=wp.vec3),
     clearance: wp.array(dtype=Any),
     distance: wp.array(dtype=Any),
+    pinched: wp.array(dtype=Any),
 ):
     """End an interval: move vertices that are too deep out to the thickness and cache their closest points.
 
@@ -223,97 +275,114 @@ def find_contacts(
     under another, so the search is repeated, at most ``passes`` times.
 
     Args:
-        turn, turns: A lane of a vertex is searched for exactly where its number is ``turn`` modulo ``turns``.
+        turn, turns: A vertex looks for another place on its own limb where its number is ``turn`` modulo ``turns``.
         steps: Substeps since the last query.
-        travel: Longest way of a point of each body since then [m].
-        shared_motion: 1 where all lanes follow one motion.
-        beside: Two garment neighbours of each vertex.
+        owned: Parts of the body that each vertex belongs to, as bits.
+        own_face, other_face: Where the walks on owned and on other parts ended, -1 for none; kept from query to query.
+        face: Face of the contact plane, -1 for none.
         distance: Signed distance to the body [m]; of a vertex out of reach, a lower bound.
+        pinched: 1 where a vertex is pinched, else 0.
     """
     i = wp.tid()
     positions = x[i]
     gaps = clearance[i]
     distances = distance[i]
+    pinches_here = pinched[i]
     velocities = v[i]
     thickness = parameters[THICKNESS]
     dt = parameters[DT]
     lanes = lane_motion.shape[0]
-    own = owned[i]
+    parts = owned[i]
     any_near = int(0)
     for k in range(lanes):
         c = i * lanes + k
         position = wp.vec3(positions[k], positions[lanes + k], positions[2 * lanes + k])
         motion = lane_motion[k]
         first = motion * surface.body_count
-        last = face[c]
-        hit = Hit()
-        hit.face = -1
-        velocity = wp.vec3(velocities[k], velocities[lanes + k], velocities[2 * lanes + k])
-        safe = distances[k] - travel[motion] - _MARGIN * (wp.length(velocity) * steps * dt[k] + _MARGIN_LENGTH)
-        if last >= 0:
-            hit = walk(surface, first, last, position)
-            # What another found may be nearer: the lane before of the same motion, or a garment neighbour.
-            other = int(-1)
-            if shared_motion == 1 and k > 0:
-                other = face[c - 1]
-            else:
-                other = face[beside[i][turn % 2] * lanes + k]
-            if hit.face >= 0 and other >= 0 and other != hit.face:
-                if owns(own, surface.part[other]):
-                    if distance_to_face(surface, first, other, position) < _NEARER * wp.abs(hit.distance):
-                        better = walk(surface, first, other, position)
-                        if better.face >= 0 and wp.abs(better.distance) < wp.abs(hit.distance):
-                            hit = better
-        if hit.face >= 0:
-            if (i + k) % turns == turn and wp.abs(hit.distance) < reach:
-                better = search(surface, motion, own, position, wp.abs(hit.distance))
-                if better.face >= 0:
-                    hit = better
-        elif last >= 0 or safe < reach:
-            hit = search(surface, motion, own, position, _LOOKOUT * reach)
-            safe = _LOOKOUT * reach
+        own = follow(surface, first, own_face[c], position, parts, 1)
+        other = follow(surface, first, other_face[c], position, parts, 0)
+        own_region = region_of(surface, own)
+        other_region = region_of(surface, other)
+        if (i + k) % turns == turn:
+            own_region = -1
+            other_region = -1
+        base = cell_at(seeds.cells, motion, position) * seeds.regions
+        for r in range(seeds.regions):
+            seed = seed_in(seeds, seeds.grid[base + r])
+            if seed >= 0 and r != own_region and r != other_region:
+                start = seeds.face[seed]
+                to_seed = wp.length(seeds.point[motion * seeds.count + seed] - position)
+                if is_own(surface.faces[start], parts) == 1:
+                    slack = wp.where(wp.abs(own.distance) < _SNUG, _SNUG_SLACK, _SEED_SLACK)
+                    if own.face < 0 or to_seed - slack < wp.abs(own.distance):
+                        own = nearer(own, walk(surface, first, start, position, parts, 1))
+                elif to_seed - _SEED_SLACK < _OTHER_REACH:
+                    other = nearer(other, walk(surface, first, start, position, parts, 0))
+        own_face[c] = own.face
+        other_face[c] = other.face
 
         keep = thickness[k] + standoff[i]
-        for _ in range(passes):
-            if hit.face >= 0 and hit.distance < 0.999 * keep and inverse_mass[i] > 0.0:
-                away = hit.normal
-                if wp.abs(hit.distance) > _TOUCHING:
-                    away = (position - hit.point) / hit.distance
-                moved = keep - hit.distance
-                position = hit.point + away * keep
-                if moved < 0.25 * keep:
-                    hit.distance = keep  # too short a move to come under another face
-                    break
-                hit = search(surface, motion, own, position, 2.0 * keep)
+        pinch = float(0.0)
+        hit = own
+        for attempt in range(passes + 1):
+            pinch = 0.0
+            hit = own
+            if other.face >= 0:
+                if pinches(surface, own, other, thickness[k]):
+                    pinch = wp.where(other.distance < thickness[k], 1.0, 0.0)
+                elif own.face < 0 or other.distance < own.distance:
+                    hit = other
+            if hit.face < 0 or hit.distance >= 0.999 * keep or inverse_mass[i] == 0.0 or attempt == passes:
+                break
+            moved = keep - hit.distance
+            position = hit.point + way_out(hit, position) * keep
+            if moved < 0.25 * keep and other.face < 0:
+                hit.distance = keep  # too short a move to come under another face
+                break
+            if own.face >= 0:
+                own = walk(surface, first, own.face, position, parts, 1)
+            if other.face >= 0:
+                other = walk(surface, first, other.face, position, parts, 0)
         positions[k] = position[0]
         positions[lanes + k] = position[1]
         positions[2 * lanes + k] = position[2]
 
+        step = wp.vec3(velocities[k], velocities[lanes + k], velocities[2 * lanes + k]) * (dt[k] * steps)
+        if hit.face >= 0 and own.face >= 0 and other.face >= 0 and pinch == 0.0:
+            # The plane for the next interval is that of the surface that will be nearer at its end.
+            to_own = own.distance - wp.dot(way_towards(surface, first, own, step), own.normal)
+            to_other = other.distance - wp.dot(way_towards(surface, first, other, step), other.normal)
+            hit = own
+            if to_other < to_own and not pinches(surface, own, other, thickness[k]):
+                hit = other
         face[c] = hit.face
         gaps[k] = FAR
-        distances[k] = safe
+        distances[k] = _FOLLOWED
+        pinches_here[k] = pinch
         if hit.face >= 0:
             distances[k] = hit.distance
-        if hit.face >= 0 and hit.distance < reach:
-            any_near = 1
-            barycentric[c] = hit.barycentric
-            away = position - hit.point
-            above = wp.dot(away, hit.normal)
-            leaning = wp.vec3(0.0, 0.0, 0.0)
-            if hit.distance > _TOUCHING and above < _ALIGNED * hit.distance:
-                # Beside a pointed feature: the smooth normal would claim contact where there is air.
-                leaning = away / hit.distance - hit.normal
-                above = hit.distance
-            lean[c] = leaning
-            # Where the smooth normal's plane lies nearer than the surface itself, keep that gap: closing it would be a
-            # kick.
-            gaps[k] = wp.min(keep, above)
+            way = wp.length(way_towards(surface, first, hit, step))
+            if hit.distance < reach + _AHEAD * way:
+                any_near = 1
+                barycentric[c] = hit.barycentric
+                away = position - hit.point
+                above = wp.dot(away, hit.normal)
+                leaning = wp.vec3(0.0, 0.0, 0.0)
+                if hit.distance > _TOUCHING and above < _ALIGNED * hit.distance:
+                    # Beside a pointed feature: the smooth normal would claim contact where there is air.
+                    leaning = away / hit.distance - hit.normal
+                    above = hit.distance
+                lean[c] = leaning
+                # Where the smooth normal's plane lies nearer than the surface itself, keep that gap: closing it would
+                # be a kick.
+                gaps[k] = wp.min(keep, above)
     near[i] = any_near
     x[i] = positions
     clearance[i] = gaps
     distance[i] = distances
+    pinched[i] = pinches_here
 
 
 for _width in WIDTHS:
     _kinds = {"parameters": "scalars", "v": "vectors", "x": "vectors", "clearance": "scalars", "distance": "scalars"}
-    declare(find_contacts, _width, **_kinds)
+    declare(find_contacts, _width, pinched="scalars", **_kinds)
