@@ -40,4 +40,13 @@ def vectors(width: int) -> type:
 def declare(kernel: wp.Kernel, width: int, **generic: str) -> None:
     """Instantiate a kernel; ``generic`` says of each of its ``Any`` arrays whether it holds scalars or vectors."""
     types = {"scalars": scalars(width), "vectors": vectors(width)}
-    wp.overload(kernel, {name: wp.array(dtype=types[kind]) for name, kind in generic.items()})
+    arrays = {name: wp.array(dtype=types[kind]) for name, kind in generic.items()}
+    _INSTANCES[kernel.key, kernel.module.name, width] = wp.overload(kernel, arrays)
+
+
+def instance(kernel: wp.Kernel, width: int) -> wp.Kernel:
+    """The kernel for a number of lanes: to launch it takes half a millisecond less than to have Warp find it."""
+    return _INSTANCES[kernel.key, kernel.module.name, width]
+
+
+_INSTANCES: dict[tuple[str, str, int], wp.Kernel] = {}
