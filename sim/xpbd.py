@@ -161,6 +161,8 @@ class XpbdSolver:
         still = np.zeros((self.count, 3)) if velocities is None else velocities
         self.v.assign(self._in_lanes(np.asarray(still)))
         self.crease.zero_() if crease is None else self.crease.assign(crease)
+        if self.self_contact is not None:
+            self.self_contact.forget()
         if self.contact is not None:
             self.contact.find(self.inverse_mass, self.parameters, self.v, self.x, 0, passes)
 
