@@ -175,7 +175,7 @@ def widest_common_share(
     sets: int,
     accepted: float,
     share: float = 1.0,
-    smaller: float = 0.8,
+    smaller: float = 0.75,
     least: float = 0.1,
     seed: int = 0,
     free: Mapping[str, tuple[float, float]] | None = None,
