@@ -115,6 +115,9 @@ def solve_self_contact(
             keeps = wp.where(old == 0.0, inner[k] < 0.0, sign * distance < thickness[k] or wp.abs(old) > 1.5)
             new = wp.where(keeps, old, sign)
             least = wp.where(new == old, gaps[k] + opening * dt[k], sign * distance)
+            # Beside the triangle, the side that the layers give is only a wish: what comes over it begins where it is.
+            beside = wp.abs(old) > 1.5 and inner[k] < 0.0
+            least = wp.where(beside, wp.clamp(old, -1.0, 1.0) * distance, least)
             least = wp.where(gaps[k] == OFF, OFF, wp.min(least, thickness[k]))
             sides[k] = new
             gaps[k] = least

@@ -33,6 +33,8 @@ _FARTHEST = wp.constant(0.03)
 _PARALLEL = wp.constant(0.01)
 # Layers whose normals differ by more (cosine) do not lie on each other: which is outside says nothing about the side.
 _ALIKE = wp.constant(0.3)
+# Nor does it where the outer layer is under the inner one by more than this, in thicknesses: that is another fold.
+_UNDER = wp.constant(2.0)
 _TINY = wp.constant(1.0e-20)
 
 
@@ -195,6 +197,7 @@ def find_vertex_triangles(
                         crossed = (uy * wz - uz * wy) * f.nx + (uz * wx - ux * wz) * f.ny + (ux * wy - uy * wx) * f.nz
                         height = crossed / wp.sqrt(wp.max(ux * ux + uy * uy + uz * uz, wx * wx + wy * wy + wz * wz))
                         given = wp.where(f.nx * m[k] + f.ny * m[y] + f.nz * m[z] > _ALIKE, order, 0.0)
+                        given = wp.where(given * f.distance > -_UNDER * thickness[k], given, 0.0)
                         sign = wp.where(given != 0.0, given, wp.where(f.distance < 0.0, -1.0, 1.0))
                         hits += comes_near(f, sign, height, sx, sy, sz, thickness[k])
                         sides[k] = wp.where(given != 0.0, 2.0 * given, wp.where(f.inner >= 0.0, sign, 0.0))
@@ -304,6 +307,7 @@ def find_edge_edges(
                             along_n = f.nx * n[k] + f.ny * n[y] + f.nz * n[z]
                             alike = wp.min(along_m * along_n, wp.abs(along_m + along_n) - 1.0) > 0.0
                             given = wp.where(alike, order * wp.where(along_m < 0.0, -1.0, 1.0), 0.0)
+                            given = wp.where(given * f.distance > -_UNDER * thickness[k], given, 0.0)
                             sign = wp.where(given != 0.0, given, wp.where(f.distance < 0.0, -1.0, 1.0))
                             hits += comes_near(f, sign, size, sx, sy, sz, thickness[k])
                             sides[k] = wp.where(given != 0.0, 2.0 * given, wp.where(f.inner >= 0.0, sign, 0.0))

@@ -23,6 +23,8 @@ CROSSINGS = wp.constant(2)
 
 # Speed at which an edge is drawn out of a triangle [m/s].
 _SPEED = wp.constant(6.0)
+# The same between layers: their order tells how they come apart, and two strong hands that pull differently tear.
+_LAYER_SPEED = wp.constant(1.0)
 # Gradient below which the contour is nearly straight and its direction says little, 1.
 _STRAIGHT = wp.constant(0.3)
 _TINY = wp.constant(1.0e-20)
@@ -39,6 +41,7 @@ class Crossing:
     i4: int
     left: int
     right: int
+    speed: float  # at which they are drawn apart [m/s]
 
 
 @wp.struct
@@ -180,6 +183,7 @@ def find_crossings(
                                 crossing.i4 = i4
                                 crossing.left = a.corner[wp.where(c == 0, 2, c - 1)]
                                 crossing.right = a.opposite[c]
+                                crossing.speed = wp.where(a.layer == b.layer, _SPEED, _LAYER_SPEED)
                                 crossings[slot] = crossing
 
 
@@ -307,7 +311,7 @@ def draw_apart(
             b4 = p.second
             b2 = 1.0 - b3 - b4
             weight = b0 * b0 * m0 + b1 * b1 * m1 + b2 * b2 * m2 + b3 * b3 * m3 + b4 * b4 * m4
-            step = _SPEED * dt[k] / wp.sqrt(gx * gx + gy * gy + gz * gz + _STRAIGHT * _STRAIGHT)
+            step = c.speed * dt[k] / wp.sqrt(gx * gx + gy * gy + gz * gz + _STRAIGHT * _STRAIGHT)
             step = wp.where(p.inner > 0.0 and wp.max(r0[k], r2[k]) == 0.0, step / wp.max(weight, _TINY), 0.0)
             step = wp.where(weight > 0.0, step, 0.0)
             gx *= step
