@@ -262,7 +262,7 @@ TEMPLATE_FAULTS: dict[str, tuple[Callable[[GarmentTemplate], dict], str]] = {
     "NaN": (lambda t: {"vertices": changed(t.vertices, 17, np.nan)}, "vertex 17 is not finite"),
     "degenerate": (lambda t: {"faces": changed(t.faces, (9, 0), t.faces[9, 1])}, "triangle 9 .* is degenerate"),
     "pieces": (
-        lambda t: dict(zip(("vertices", "faces", "skin_index", "skin_weight"), doubled(t))),
+        lambda t: dict(zip(("vertices", "faces", "skin_index", "skin_weight", "layer"), doubled(t))),
         "falls into 2 disconnected pieces of 250, 250 vertices",
     ),
     "huge index": (lambda t: {"faces": changed(t.faces.astype(np.int64), (0, 0), 2**32 + 1)}, "more than 32 bits"),
@@ -276,7 +276,7 @@ TEMPLATE_FAULTS: dict[str, tuple[Callable[[GarmentTemplate], dict], str]] = {
 
 def doubled(t: GarmentTemplate) -> tuple[np.ndarray, ...]:
     vertices, faces = two_sheets(t.vertices, t.faces, 0.4)
-    return vertices.astype(np.float32), faces, *(np.concatenate([a, a]) for a in (t.skin_index, t.skin_weight))
+    return vertices.astype(np.float32), faces, *(np.concatenate([a, a]) for a in (t.skin_index, t.skin_weight, t.layer))
 
 
 @pytest.mark.parametrize("fault", TEMPLATE_FAULTS)
