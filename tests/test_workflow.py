@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.config import load_config
 from tests.conftest import CONFIG, Workflow
 
 TABLES = (
@@ -69,7 +70,9 @@ def test_nothing_is_left_to_do_after_a_run(smoke):
 
 
 def test_equal_values_written_otherwise_change_nothing(smoke):
-    mine = overlay(smoke, "garments: {skirt: {ranges: {gravity: {min: 6.70, max: 17}}}}")
+    gravity = load_config(["configs/default.yaml"])["garments"]["skirt"]["ranges"]["gravity"]
+    ends = f"{{min: {gravity['min']:.3f}, max: {gravity['max']:.4e}}}"
+    mine = overlay(smoke, f"garments: {{skirt: {{ranges: {{gravity: {ends}}}}}}}")
     assert smoke.planned_outputs(CONFIG, mine) == set()
 
 
