@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.config import load_config
-from tests.conftest import CONFIG, Workflow
+from tests.conftest import CONFIG, ROOT, Workflow
 
 TABLES = (
     "simulation",
@@ -70,7 +70,7 @@ def test_nothing_is_left_to_do_after_a_run(smoke):
 
 
 def test_equal_values_written_otherwise_change_nothing(smoke):
-    gravity = load_config(["configs/default.yaml"])["garments"]["skirt"]["ranges"]["gravity"]
+    gravity = load_config([ROOT / "configs" / "default.yaml"])["garments"]["skirt"]["ranges"]["gravity"]
     ends = f"{{min: {gravity['min']:.3f}, max: {gravity['max']:.4e}}}"
     mine = overlay(smoke, f"garments: {{skirt: {{ranges: {{gravity: {ends}}}}}}}")
     assert smoke.planned_outputs(CONFIG, mine) == set()
