@@ -1,4 +1,4 @@
-"""Many simulations of one garment, sixteen at a time, each tried with more substeps until it is inside the bounds.
+"""Many simulations of one garment, sixteen at a time, tried with more substeps until they are inside the bounds.
 
 In: planned simulations. Out: for each, its last result, the parameters it was made with and the number of attempts.
 Simulations go together where they take the same number of substeps and either share a clip or each have their own.
@@ -47,37 +47,41 @@ class Outcome:
     attempts: int
 
 
+Pending = tuple[Planned, dict[str, float]]
+"""A simulation and the parameters of its next attempt."""
+
+
 def simulate_all(
-    simulator: Simulator,
+    simulators: Callable[[bool], Simulator],
     planned: Sequence[Planned],
+    own_motions: bool,
     solver: Mapping[str, Any],
     progress: Callable[[int], None],
 ) -> Iterator[Outcome]:
-    """Simulate everything, in groups.
+    """Simulate everything, in groups; what falls outside the bounds is gathered from all groups and tried again.
 
     Args:
-        simulator: Of sixteen worlds; whether they share a motion decides what can go together.
+        simulators: Gives a simulator of ``ENSEMBLE`` worlds, of their own motions (True) or of one that they share.
         planned: Simulations.
+        own_motions: Whether the first attempt groups different clips. Later ones always do: few are left of any clip.
         solver: ``attempts``, ``substeps_factor`` and ``bounds`` of the configuration.
         progress: Called with the number of frames done, once for every simulation.
     """
-    for group in _groups(planned, simulator.solver.skeleton.motions > 1):
-        pending = [(one, dict(one.parameters)) for one in group]
-        for attempt in range(1, solver["attempts"] + 1):
-            worlds = [_world(one, used) for one, used in pending]
-            results = simulator.run_worlds(worlds, len(group[0].lead[0]))
-            again = []
-            for (one, used), result in zip(pending, results):
+    pending = [(one, dict(one.parameters)) for one in planned]
+    for attempt in range(1, solver["attempts"] + 1):
+        own, again = own_motions or attempt > 1, []
+        for group in _groups(pending, own):
+            lead = len(group[0][0].lead[0])
+            results = simulators(own).run_worlds([_world(one, used) for one, used in group], lead)
+            for (one, used), result in zip(group, results):
                 if result.failure is None:
-                    result.failure = out_of_bounds(result.quality, solver["bounds"], len(simulator.template.vertices))
+                    result.failure = out_of_bounds(result.quality, solver["bounds"], result.vertices.shape[1])
                 if result.failure is None or attempt == solver["attempts"]:
-                    progress(len(worlds[0].pose))
+                    progress(lead + one.clip.frames)
                     yield Outcome(one, result, used, attempt)
                 else:
                     again.append((one, used | {"substeps": float(round(used["substeps"] * solver["substeps_factor"]))}))
-            pending = again
-            if not pending:
-                break
+        pending = again
 
 
 def out_of_bounds(quality: Mapping[str, float], bounds: Mapping[str, float], vertex_count: int) -> str | None:
@@ -94,12 +98,12 @@ def out_of_bounds(quality: Mapping[str, float], bounds: Mapping[str, float], ver
     return None
 
 
-def _groups(planned: Sequence[Planned], own_motions: bool) -> list[list[Planned]]:
-    """At most sixteen each, of one number of substeps and, unless each may move as it likes, of one clip."""
-    kinds: dict[tuple, list[Planned]] = {}
-    for one in planned:
+def _groups(pending: Sequence[Pending], own_motions: bool) -> list[list[Pending]]:
+    """At most ``ENSEMBLE`` each, of one number of substeps and, unless each may move as it likes, of one clip."""
+    kinds: dict[tuple, list[Pending]] = {}
+    for one, used in pending:
         shared = (one.clip.frames,) if own_motions else (one.clip.name,)
-        kinds.setdefault((round(one.parameters["substeps"]), *shared), []).append(one)
+        kinds.setdefault((round(used["substeps"]), *shared), []).append((one, used))
     return [many[i : i + ENSEMBLE] for many in kinds.values() for i in range(0, len(many), ENSEMBLE)]
 
 

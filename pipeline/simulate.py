@@ -8,6 +8,7 @@ attempt brings inside is dropped and recorded in the shard, never written as goo
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -34,8 +35,14 @@ def main(job: Job) -> None:
     settings = SimulationSettings(
         fps=spec["fps"], device=job.device, settle_seconds=solver["settle"], self_contact=solver["self_contact"]
     )
+    own_motions = spec["plan"] == MOTIONS
+
+    @cache
+    def simulators(own_motions: bool) -> Simulator:
+        return Simulator(template, body, settings, worlds=ENSEMBLE, own_motions=own_motions)
+
     with naming(job.inputs[0]):
-        simulator = Simulator(template, body, settings, worlds=ENSEMBLE, own_motions=spec["plan"] == MOTIONS)
+        simulators(own_motions)
 
     planned = [
         Planned(phi, clips[name], take_index, inputs.leads[name], inputs.parameters[phi])
@@ -44,7 +51,7 @@ def main(job: Job) -> None:
     frames = sum(one.clip.frames + spec["lead_in"] for one in planned)
     progress = Progress(f"simulate {spec['garment']} {spec['plan']}", frames, "frames")
     with ShardWriter(job.outputs[0], _header(spec, template, body)) as shard:
-        for outcome in simulate_all(simulator, planned, solver, progress):
+        for outcome in simulate_all(simulators, planned, own_motions, solver, progress):
             one, result = outcome.planned, outcome.result
             if result.failure is None:
                 shard.add(_sequence(outcome, body))
