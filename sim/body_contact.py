@@ -12,8 +12,9 @@ from scipy.spatial import cKDTree
 
 from sim.body_parts import ContactParts
 from sim.kernels import contact as kernels
-from sim.kernels import query
+from sim.kernels import pokes, query
 from sim.kernels.lanes import scalars, vectors
+from sim.kernels.parameters import THICKNESS
 from sim.kernels.seeds import CELL, SEED_BITS, STAMPS, Seeds, plant_seeds
 from sim.skeleton import Skeleton, Skin
 
@@ -22,6 +23,9 @@ LIMB_RADIUS = 0.05
 
 SEED_SPACING = 0.025
 """Distance between seeds on the body in its bind pose [m], more where they would be too many."""
+
+LONGEST_PIECE = 0.5
+"""Extent of the pieces that seeds are told apart by [m]."""
 
 TURNS = 8
 """A vertex looks for a nearer place on its own limb in one query of this many."""
@@ -44,6 +48,8 @@ class BodyContact:
         standoff: np.ndarray,
         skeleton: Skeleton,
         reach: float,
+        edges: np.ndarray,
+        edge_length: np.ndarray,
         device: str,
     ):
         """Copy the body to the device and spread seeds over it.
@@ -57,6 +63,8 @@ class BodyContact:
             standoff: Distance that each vertex keeps besides the thickness [m], shape [V]; see :func:`sag`.
             skeleton: Transforms that move the body.
             reach: Distance up to which a resting vertex is in contact [m].
+            edges: Edges of the garment, shape [E, 2].
+            edge_length: Their lengths at rest [m], shape [E].
             device: Warp device.
         """
         self.device, self.skeleton, self.reach = device, skeleton, float(reach)
@@ -71,17 +79,18 @@ class BodyContact:
         self.normals_end = wp.zeros(motions * len(vertices), dtype=wp.vec3, device=device)
         self.skin.end.assign(np.tile(bind, (motions, 1)).astype(np.float32))
 
-        labels = parts.face_bits() | (parts.regions << 16)
+        regions = _pieces(bind[faces].mean(axis=1), parts.regions)
+        labels = parts.face_bits() | (regions << 16)
         self.faces = wp.array(np.column_stack([faces, labels]).astype(np.int32), dtype=wp.vec4i, device=device)
         surface = query.Surface()
         surface.faces = self.faces
         across = _neighbours(faces)
         surface.neighbours = wp.array(across, dtype=wp.vec3i, device=device)
-        surface.joined = wp.array(_borders(parts.regions, across), dtype=int, device=device)
+        surface.joined = wp.array(_borders(regions, across), dtype=int, device=device)
         surface.start, surface.points, surface.normals = self.skin.start, self.skin.end, self.normals_end
         surface.body_count = len(vertices)
         self.surface = surface
-        self.seeds = _plant(bind, faces, parts.regions, motions, device)
+        self.seeds = _plant(bind, faces, regions, motions, device)
 
         self.standoff = wp.array(np.asarray(standoff, dtype=np.float32), dtype=float, device=device)
         self.owned = wp.array(parts.owned_bits(), dtype=int, device=device)
@@ -91,9 +100,12 @@ class BodyContact:
         )
         self.barycentric = wp.zeros(self.count * width, dtype=wp.vec3, device=device)
         self.lean = wp.zeros(self.count * width, dtype=wp.vec3, device=device)
-        self.clearance, self.distance, self.pinched = (
-            wp.zeros(self.count, dtype=scalars(width), device=device) for _ in range(3)
+        self.clearance, self.distance, self.pinched, self.floor = (
+            wp.zeros(self.count, dtype=scalars(width), device=device) for _ in range(4)
         )
+        self.let_go = wp.zeros(self.count * width, dtype=int, device=device)
+        self.neighbours = _neighbour_lists(edges, edge_length, self.count, device)
+        self.edges = wp.array(np.asarray(edges, dtype=np.int32), dtype=wp.vec2i, device=device)
         self.planes = [wp.zeros(self.count, dtype=vectors(width), device=device) for _ in range(4)]
         self._turn = 0
 
@@ -108,8 +120,9 @@ class BodyContact:
         inputs = [skin.count, self.first_corner, self.corners, skin.end]
         outputs = [self.normals_start, self.normals_end]
         wp.launch(kernels.smooth_normals, skin.motions * skin.count, inputs, outputs, device=self.device)
-        inputs = [skin.count, self.skeleton.device_lane_motion, self.near, self.faces, self.face, self.barycentric]
-        inputs += [skin.start, skin.end, self.normals_start, self.normals_end, self.lean]
+        skeleton = self.skeleton
+        inputs = [skin.count, skeleton.device_lane_motion, skeleton.shift, self.near, self.faces, self.face]
+        inputs += [self.barycentric, skin.end, self.normals_end, self.lean]
         wp.launch(kernels.carry_planes, self.count, inputs, self.planes, device=self.device)
 
     def launch_solve(
@@ -148,10 +161,22 @@ class BodyContact:
         wp.launch(plant_seeds, skin.motions * seeds.count, [*inputs, seeds], device=self.device)
         self._turn = (self._turn + 1) % TURNS
         inputs = [self.reach, passes, self._turn, TURNS, float(steps), self.skeleton.device_lane_motion]
-        inputs += [inverse_mass, self.standoff, self.owned, self.surface, seeds, parameters, v]
-        outputs = [x, self.near, self.own_face, self.other_face, self.face, self.barycentric, self.lean]
-        outputs += [self.clearance, self.distance, self.pinched]
+        inputs += [inverse_mass, self.standoff, self.owned, *self.neighbours, self.surface, seeds, parameters, v]
+        outputs = [x, self.near, self.own_face, self.other_face, self.let_go, self.face, self.barycentric]
+        outputs += [self.lean, self.clearance, self.distance, self.pinched, self.planes[0], self.planes[2], self.floor]
         wp.launch(query.find_contacts, self.count, inputs, outputs, device=self.device)
+        if passes:
+            self._lift(inverse_mass, parameters, x)
+
+    def _lift(self, inverse_mass: wp.array, parameters: wp.array, x: wp.array) -> None:
+        """Lift triangles that the body pokes through off it."""
+        point = self.planes[0]
+        thickness = parameters[int(THICKNESS) : int(THICKNESS) + 1]
+        inputs = [self.edges, self.near, inverse_mass, self.clearance, self.distance, point, x, thickness]
+        wp.launch(pokes.raise_floors, len(self.edges), inputs, [self.floor], device=self.device)
+        inputs = [self.near, inverse_mass, point, self.floor]
+        outputs = [self.clearance, self.distance, x]
+        wp.launch(pokes.lift_to_floors, self.count, inputs, outputs, device=self.device)
 
     def forget(self) -> None:
         """Drop the cached contacts, before the garment is put somewhere else."""
@@ -159,6 +184,8 @@ class BodyContact:
         for face in (self.face, self.own_face, self.other_face):
             face.fill_(-1)
         self.distance.zero_()
+        self.floor.zero_()
+        self.let_go.zero_()
         self._turn = 0
 
 
@@ -175,17 +202,40 @@ def _plant(bind: np.ndarray, faces: np.ndarray, regions: np.ndarray, motions: in
         spacing *= 1.2
         chosen = chosen[_thinned(spots[chosen], spacing)]
     face, weight = face[chosen], weight[chosen]
-    used, region = np.unique(regions, return_inverse=True)
-    extent = max(np.ptp(bind[faces[region == r]].reshape(-1, 3), axis=0).max() for r in range(len(used)))
+    count = int(regions.max()) + 1
+    extent = max(np.ptp(bind[faces[regions == r]].reshape(-1, 3), axis=0).max() for r in range(count))
     seeds = Seeds()
     seeds.face = wp.array(face.astype(np.int32), dtype=int, device=device)
-    seeds.region = wp.array(region[face].astype(np.int32), dtype=int, device=device)
+    seeds.region = wp.array(regions[face].astype(np.int32), dtype=int, device=device)
     seeds.weight = wp.array(weight.astype(np.float32), dtype=wp.vec3, device=device)
     seeds.point = wp.zeros(motions * len(face), dtype=wp.vec3, device=device)
-    seeds.count, seeds.regions, seeds.stamp = len(face), len(used), STAMPS
+    seeds.count, seeds.regions, seeds.stamp = len(face), count, STAMPS
     seeds.cells = 2 ** int(np.ceil(np.log2(max(1.5 * extent / CELL, 8.0))))
     seeds.grid = wp.full(motions * seeds.cells**3 * seeds.regions, _NO_ENTRY, dtype=int, device=device)
     return seeds
+
+
+def _pieces(centres: np.ndarray, regions: np.ndarray) -> np.ndarray:
+    """Limbs cut where they are long and the trunk down the middle, for a walk does not cross clefts, shape [F]."""
+    pieces = []
+    waiting = [np.flatnonzero(regions == r) for r in np.unique(regions)]
+    while waiting:
+        faces = waiting.pop()
+        low, high = centres[faces].min(axis=0), centres[faces].max(axis=0)
+        axis, middle = int(np.argmax(high - low)), 0.5 * (low + high)
+        if low[0] < -0.05 and high[0] > 0.05:
+            axis, middle[0] = 0, 0.0
+        elif high[axis] - low[axis] < LONGEST_PIECE:
+            pieces.append(faces)
+            continue
+        beyond = centres[faces, axis] > middle[axis]
+        waiting += [faces[beyond], faces[~beyond]]
+    if len(pieces) > 31:  # a bit each
+        return regions
+    label = np.zeros(len(regions), dtype=np.int32)
+    for number, faces in enumerate(pieces):
+        label[faces] = number
+    return label
 
 
 def _spread(points: np.ndarray, faces: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
@@ -234,6 +284,18 @@ def corner_table(faces: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.n
     order = np.argsort(faces.ravel(), kind="stable")
     counts = np.bincount(faces.ravel(), minlength=vertex_count)
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int32), pairs[order].astype(np.int32)
+
+
+def _neighbour_lists(edges: np.ndarray, length: np.ndarray, count: int, device: str) -> list[wp.array]:
+    """Where the list of each vertex begins, the neighbours, and how far they are at rest [m]."""
+    here, there = np.concatenate([edges, edges[:, ::-1]]).T
+    order = np.argsort(here, kind="stable")
+    first = np.concatenate([[0], np.cumsum(np.bincount(here, minlength=count))])
+    return [
+        wp.array(first.astype(np.int32), dtype=int, device=device),
+        wp.array(there[order].astype(np.int32), dtype=int, device=device),
+        wp.array(np.tile(length, 2)[order].astype(np.float32), dtype=float, device=device),
+    ]
 
 
 def _neighbours(faces: np.ndarray) -> np.ndarray:

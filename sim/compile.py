@@ -7,7 +7,7 @@ import importlib
 
 import warp as wp
 
-_SOLVER = ("membrane", "bending", "integrate", "contact", "seeds", "query", "strain", "tethers")
+_SOLVER = ("membrane", "bending", "integrate", "contact", "seeds", "query", "pokes", "strain", "tethers")
 _SELF_CONTACT = ("self_contact", "self_detection", "self_features", "untangle")
 _GENERIC = tuple(f"sim.kernels.{name}" for name in (*_SOLVER, *_SELF_CONTACT))
 _PACKED = "sim.kernels.packed_membrane"

@@ -16,7 +16,7 @@ import numpy as np
 from geometry.proximity import closest_surface
 from sim.body_contact import BodyContact, sag
 from sim.body_motion import PELVIS, moved, pelvis_positions, query_times, transforms_at
-from sim.body_parts import body_regions, handless, whole_body, worn_parts
+from sim.body_parts import body_regions, whole_body, worn_parts
 from sim.compile import resolve_device
 from sim.motion import checked_motion
 from sim.parameters import PARAMETER_NAMES, check_parameters
@@ -244,7 +244,7 @@ class Simulator:
         body, template = self.body, self.template
         skin = (body.skin_index, body.skin_weight)
         if self.settings.contact == "own":
-            faces = body.faces[handless(body.faces, *skin)]
+            faces = body.faces
             parts = worn_parts(
                 template.worn_as, template.layer, faces, *skin, template.skin_index, template.skin_weight
             )
@@ -252,7 +252,8 @@ class Simulator:
             faces = body.faces
             parts = whole_body(len(faces), len(template.vertices), body_regions(faces, *skin))
         standoff = sag(self.rest.topology.edges, self.rest.edge_length, len(template.vertices))
-        return BodyContact(body.vertices, faces, *skin, parts, standoff, skeleton, self.settings.reach, device)
+        edges = (self.rest.topology.edges, self.rest.edge_length)
+        return BodyContact(body.vertices, faces, *skin, parts, standoff, skeleton, self.settings.reach, *edges, device)
 
     def _lanes(self, worlds: Sequence[World]) -> list[World]:
         """A world for every lane; ``ValueError`` for too many or none, or motions that cannot go together."""

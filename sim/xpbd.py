@@ -226,7 +226,7 @@ class XpbdSolver:
 
     def _out_of_lanes(self, values: wp.array) -> np.ndarray:
         each = values.numpy().reshape(self.count, 3, self.width)
-        return np.ascontiguousarray(each.transpose(2, 0, 1))
+        return np.array(each.transpose(2, 0, 1), order="C")  # a copy: a view would follow the solver
 
     def _interval(self, substeps: int) -> None:
         launch = self._launch

@@ -56,6 +56,8 @@ def cloth_on(body: trimesh.Trimesh, vertices: np.ndarray, faces: np.ndarray, dt:
         standoff,
         skeleton,
         reach=0.05,
+        edges=rest.topology.edges,
+        edge_length=rest.edge_length,
         device=DEVICE,
     )
     solver = XpbdSolver(rest, skeleton, contact, Skin(np.zeros((0, 3)), one[0][:0], one[1][:0], 1, DEVICE), DEVICE)
@@ -221,8 +223,9 @@ def test_reused_simulator_gives_the_same_numbers(body, skirt):
     pose, root = lunge(body, 10)
     first, other = base_parameters(), base_parameters({"stretch": 300.0, "substeps": 17, "time_scale": 0.8})
     simulator = Simulator(skirt, body, SETTINGS)
-    runs = [simulator.run(pose, root, 4, values).vertices for values in (first, other, first)]
+    runs = [simulator.run(pose, root, 4, values).vertices for values in (first, other, first, first)]
     assert np.array_equal(runs[0], runs[2]) and not np.array_equal(runs[0], runs[1])
+    assert np.array_equal(runs[0], runs[3])  # of the same parameters, whose rest is remembered
     assert np.array_equal(runs[1], simulate_clip(skirt, body, pose, root, 4, other, SETTINGS).vertices)
 
 

@@ -95,13 +95,12 @@ def blend(values: wp.array(dtype=wp.vec3), first: int, corner: wp.vec4i, barycen
 def carry_planes(
     body_count: int,
     lane_motion: wp.array(dtype=int),
+    shift: wp.array(dtype=wp.vec3),
     near: wp.array(dtype=int),
     faces: wp.array(dtype=wp.vec4i),
     face: wp.array(dtype=int),
     barycentric: wp.array(dtype=wp.vec3),
-    points_start: wp.array(dtype=wp.vec3),
     points_end: wp.array(dtype=wp.vec3),
-    normals_start: wp.array(dtype=wp.vec3),
     normals_end: wp.array(dtype=wp.vec3),
     lean: wp.array(dtype=wp.vec3),
     plane_point: wp.array(dtype=Any),
@@ -109,7 +108,7 @@ def carry_planes(
     plane_normal: wp.array(dtype=Any),
     plane_turn: wp.array(dtype=Any),
 ):
-    """Contact plane of each vertex over the interval: point [m] and normal at its start, and their changes."""
+    """Contact plane of each vertex over the interval, from where the query left it: its travel [m] and turn."""
     i = wp.tid()
     if near[i] == 0:
         return
@@ -121,19 +120,19 @@ def carry_planes(
     for k in range(lanes):
         f = face[i * lanes + k]
         if f >= 0:
-            first = lane_motion[k] * body_count
+            motion = lane_motion[k]
             c = faces[f]
             b = barycentric[i * lanes + k]
-            p0 = blend(points_start, first, c, b)
-            p1 = blend(points_end, first, c, b)
-            n0 = wp.normalize(blend(normals_start, first, c, b))
-            n1 = wp.normalize(blend(normals_end, first, c, b))
-            leaning = n0 + lean[i * lanes + k]
+            p1 = blend(points_end, motion * body_count, c, b)
+            n1 = wp.normalize(blend(normals_end, motion * body_count, c, b))
+            leaning = lean[i * lanes + k]
             for axis in range(3):
-                point[axis * lanes + k] = p0[axis]
-                travel[axis * lanes + k] = p1[axis] - p0[axis]
-                normal[axis * lanes + k] = leaning[axis]
-                turn[axis * lanes + k] = n1[axis] - n0[axis]
+                a = axis * lanes + k
+                start = point[a] + shift[motion][axis]
+                travel[a] = p1[axis] - start
+                point[a] = start
+                turn[a] = n1[axis] - normal[a]
+                normal[a] = normal[a] + leaning[axis]
     plane_point[i] = point
     plane_travel[i] = travel
     plane_normal[i] = normal

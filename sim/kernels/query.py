@@ -38,10 +38,15 @@ _SEED_SLACK = wp.constant(0.06)
 # Cloth this near its own surface [m] has no room for another limb that comes from behind: it is enough to look close.
 _SNUG = wp.constant(0.01)
 _SNUG_SLACK = wp.constant(0.025)
+# What is left of a raised floor after a query [1].
+_FORGET = wp.constant(0.95)
 # How near another part of the body must be to matter [m].
 _OTHER_REACH = wp.constant(0.05)
 # Cloth deeper [m] in a part of the body that it does not belong to is nearer to the wrong side of a forearm or hand.
 _DEEPEST_PUSH = wp.constant(0.015)
+# Cloth on a limb that is not its own, stretched to this multiple [1] of its length at rest, lets go of it for a while.
+_TORN = wp.constant(1.5)
+_LET_GO = wp.constant(16)  # queries
 # Normals that meet at more than this (cosine) face each other.
 _OPPOSED = wp.constant(-0.2)
 
@@ -204,12 +209,12 @@ def nearer(one: Hit, another: Hit):
 
 
 @wp.func
-def region_of(s: Surface, hit: Hit):
-    """The limb that a hit lies on, -1 for none."""
-    region = int(-1)
+def bit_of(s: Surface, hit: Hit):
+    """The bit of the region that a hit lies in, 0 for none."""
+    bit = int(0)
     if hit.face >= 0:
-        region = s.faces[hit.face][3] >> 16
-    return region
+        bit = 1 << (s.faces[hit.face][3] >> 16)
+    return bit
 
 
 @wp.func
@@ -254,6 +259,9 @@ def find_contacts(
     inverse_mass: wp.array(dtype=float),
     standoff: wp.array(dtype=float),
     owned: wp.array(dtype=int),
+    first_neighbour: wp.array(dtype=int),
+    neighbour: wp.array(dtype=int),
+    spacing: wp.array(dtype=float),
     surface: Surface,
     seeds: Seeds,
     parameters: wp.array(dtype=Any),
@@ -262,12 +270,16 @@ def find_contacts(
     near: wp.array(dtype=int),
     own_face: wp.array(dtype=int),
     other_face: wp.array(dtype=int),
+    let_go: wp.array(dtype=int),
     face: wp.array(dtype=int),
     barycentric: wp.array(dtype=wp.vec3),
     lean: wp.array(dtype=wp.vec3),
     clearance: wp.array(dtype=Any),
     distance: wp.array(dtype=Any),
     pinched: wp.array(dtype=Any),
+    plane_point: wp.array(dtype=Any),
+    plane_normal: wp.array(dtype=Any),
+    floor: wp.array(dtype=Any),
 ):
     """End an interval: move vertices that are too deep out to the thickness and cache their closest points.
 
@@ -278,22 +290,31 @@ def find_contacts(
         turn, turns: A vertex looks for another place on its own limb where its number is ``turn`` modulo ``turns``.
         steps: Substeps since the last query.
         owned: Parts of the body that each vertex belongs to, as bits.
+        first_neighbour, neighbour, spacing: Neighbours of each vertex in the garment, and how far they are at rest [m].
+        let_go: Queries that a vertex still does without parts of the body that are not its own.
         own_face, other_face: Where the walks on owned and on other parts ended, -1 for none; kept from query to query.
         face: Face of the contact plane, -1 for none.
         distance: Signed distance to the body [m]; of a vertex out of reach, a lower bound.
         pinched: 1 where a vertex is pinched, else 0.
+        plane_point, plane_normal: Closest point of the contact plane [m] and smooth normal there.
+        floor: Distance that vertices keep where the body would poke through the triangles around them [m].
     """
     i = wp.tid()
     positions = x[i]
     gaps = clearance[i]
     distances = distance[i]
     pinches_here = pinched[i]
+    points = plane_point[i]
+    normals = plane_normal[i]
+    floors = floor[i]
     velocities = v[i]
     thickness = parameters[THICKNESS]
     dt = parameters[DT]
     lanes = lane_motion.shape[0]
     parts = owned[i]
     any_near = int(0)
+    known = int(-1)  # cell that ``present`` holds for
+    present = int(0)  # regions that have a seed there, as bits
     for k in range(lanes):
         c = i * lanes + k
         position = wp.vec3(positions[k], positions[lanes + k], positions[2 * lanes + k])
@@ -301,27 +322,38 @@ def find_contacts(
         first = motion * surface.body_count
         own = follow(surface, first, own_face[c], position, parts, 1)
         other = follow(surface, first, other_face[c], position, parts, 0)
-        own_region = region_of(surface, own)
-        other_region = region_of(surface, other)
-        if (i + k) % turns == turn:
-            own_region = -1
-            other_region = -1
+        loose = wp.max(let_go[c] - 1, 0)
         base = cell_at(seeds.cells, motion, position) * seeds.regions
-        for r in range(seeds.regions):
-            seed = seed_in(seeds, seeds.grid[base + r])
-            if seed >= 0 and r != own_region and r != other_region:
-                start = seeds.face[seed]
-                to_seed = wp.length(seeds.point[motion * seeds.count + seed] - position)
-                if is_own(surface.faces[start], parts) == 1:
-                    slack = wp.where(wp.abs(own.distance) < _SNUG, _SNUG_SLACK, _SEED_SLACK)
-                    if own.face < 0 or to_seed - slack < wp.abs(own.distance):
-                        own = nearer(own, walk(surface, first, start, position, parts, 1))
-                elif to_seed - _SEED_SLACK < _OTHER_REACH:
-                    other = nearer(other, walk(surface, first, start, position, parts, 0))
+        if base != known:
+            known = base
+            present = int(0)
+            for r in range(seeds.regions):
+                if seed_in(seeds, seeds.grid[base + r]) >= 0:
+                    present = present | (1 << r)
+        if (i + k) % turns == turn:
+            strange = present
+        else:
+            strange = present & ~(bit_of(surface, own) | bit_of(surface, other))
+        if strange != 0:
+            for r in range(seeds.regions):
+                if ((strange >> r) & 1) == 1:
+                    seed = seed_in(seeds, seeds.grid[base + r])
+                    start = seeds.face[seed]
+                    to_seed = wp.length(seeds.point[motion * seeds.count + seed] - position)
+                    if is_own(surface.faces[start], parts) == 1:
+                        slack = wp.where(wp.abs(own.distance) < _SNUG, _SNUG_SLACK, _SEED_SLACK)
+                        if to_seed - slack < wp.where(own.face < 0, _FOLLOWED, wp.abs(own.distance)):
+                            own = nearer(own, walk(surface, first, start, position, parts, 1))
+                    elif loose == 0 and to_seed - _SEED_SLACK < _OTHER_REACH:
+                        other = nearer(other, walk(surface, first, start, position, parts, 0))
+        if loose > 0:
+            other.face = -1
         own_face[c] = own.face
         other_face[c] = other.face
 
         keep = thickness[k] + standoff[i]
+        floors[k] = keep + wp.max(floors[k] - keep, 0.0) * _FORGET
+        keep = floors[k]
         pinch = float(0.0)
         hit = own
         for attempt in range(passes + 1):
@@ -355,6 +387,15 @@ def find_contacts(
             hit = own
             if to_other < to_own and not pinches(surface, own, other, thickness[k]):
                 hit = other
+        if hit.face >= 0 and hit.face == other.face:
+            # A limb that cloth is caught on would tear it: what it holds too far from its neighbours lets go.
+            for e in range(first_neighbour[i], first_neighbour[i + 1]):
+                beside = x[neighbour[e]]
+                along = position - wp.vec3(beside[k], beside[lanes + k], beside[2 * lanes + k])
+                if wp.length(along) > _TORN * spacing[e]:
+                    loose = _LET_GO
+        let_go[c] = loose
+
         face[c] = hit.face
         gaps[k] = FAR
         distances[k] = _FOLLOWED
@@ -365,6 +406,9 @@ def find_contacts(
             if hit.distance < reach + _AHEAD * way:
                 any_near = 1
                 barycentric[c] = hit.barycentric
+                for axis in range(3):
+                    points[axis * lanes + k] = hit.point[axis]
+                    normals[axis * lanes + k] = hit.normal[axis]
                 away = position - hit.point
                 above = wp.dot(away, hit.normal)
                 leaning = wp.vec3(0.0, 0.0, 0.0)
@@ -381,8 +425,12 @@ def find_contacts(
     clearance[i] = gaps
     distance[i] = distances
     pinched[i] = pinches_here
+    plane_point[i] = points
+    plane_normal[i] = normals
+    floor[i] = floors
 
 
 for _width in WIDTHS:
     _kinds = {"parameters": "scalars", "v": "vectors", "x": "vectors", "clearance": "scalars", "distance": "scalars"}
-    declare(find_contacts, _width, pinched="scalars", **_kinds)
+    _kinds |= {"pinched": "scalars", "floor": "scalars", "plane_point": "vectors", "plane_normal": "vectors"}
+    declare(find_contacts, _width, **_kinds)
