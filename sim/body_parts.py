@@ -29,6 +29,9 @@ BODY_PARTS: dict[str, tuple[int, ...]] = {
 _LEGS_AS_ONE = ("trunk", "left_thigh", "right_thigh", "left_shank", "right_shank")
 JOINED_PARTS: dict[str, tuple[tuple[str, ...], ...]] = {"skirt": (_LEGS_AS_ONE,), "dress": (_LEGS_AS_ONE,)}
 
+HANDS = (20, 21, 22, 23)
+"""Joints of the hands, from the wrist."""
+
 MAX_OWNED = 4  # parts a vertex
 
 
@@ -70,6 +73,16 @@ def body_regions(body_faces: np.ndarray, body_index: np.ndarray, body_weight: np
     """The limb of ``BODY_PARTS`` that has most of the skinning weight of each face, shape [F]."""
     weights = _part_weights(list(BODY_PARTS.values()), body_index, body_weight)
     return np.argmax(weights[body_faces].mean(axis=1), axis=1).astype(np.int32)
+
+
+def handless(body_faces: np.ndarray, body_index: np.ndarray, body_weight: np.ndarray) -> np.ndarray:
+    """Which faces are not of the hands, shape [F].
+
+    Hands are thinner than the way that they swing between two queries, and fingers are hooks: cloth that a hand has
+    passed ends up on both of its sides, and is torn. Garments do without colliding with hands.
+    """
+    hand = _part_weights([HANDS], body_index, body_weight)[:, 0]
+    return hand[body_faces].mean(axis=1) < 0.5
 
 
 def own_parts(

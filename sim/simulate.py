@@ -16,7 +16,7 @@ import numpy as np
 from geometry.proximity import closest_surface
 from sim.body_contact import BodyContact, sag
 from sim.body_motion import PELVIS, moved, pelvis_positions, query_times, transforms_at
-from sim.body_parts import body_regions, whole_body, worn_parts
+from sim.body_parts import body_regions, handless, whole_body, worn_parts
 from sim.compile import resolve_device
 from sim.motion import checked_motion
 from sim.parameters import PARAMETER_NAMES, check_parameters
@@ -244,7 +244,7 @@ class Simulator:
         body, template = self.body, self.template
         skin = (body.skin_index, body.skin_weight)
         if self.settings.contact == "own":
-            faces = body.faces
+            faces = body.faces[handless(body.faces, *skin)]
             parts = worn_parts(
                 template.worn_as, template.layer, faces, *skin, template.skin_index, template.skin_weight
             )
