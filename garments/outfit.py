@@ -27,7 +27,7 @@ LAYER_GAP = 0.004
 """Distance of an outer garment to the one under it where they start [m]: about the thickness of the contact."""
 
 DEEPEST = 0.08
-"""Farthest that an outer vertex may lie under the inner garment to be lifted over it [m]."""
+"""Farthest that an outer vertex may lie under the inner garment, or be lifted over it [m]."""
 
 SLOPE = 0.3
 """Steepest that the lift changes along the cloth [m/m], so that its triangles keep their shape."""
@@ -78,8 +78,12 @@ def worn_together(name: str, worn: list[GarmentTemplate]) -> GarmentTemplate:
         One template: vertices, triangles and pins of the garments, one after the other; ``layer`` tells them apart.
 
     Raises:
-        ValueError: A garment cannot be laid over those under it without passing through them or itself.
+        ValueError: The garments were made for different bodies, or one cannot be laid over those under it without
+            passing through them or itself.
     """
+    stranger = next((one for one in worn if one.body_digest != worn[0].body_digest), None)
+    if stranger is not None:
+        raise ValueError(f"outfit '{name}': '{stranger.name}' was made for another body than '{worn[0].name}'")
     vertices, faces = worn[0].vertices.astype(np.float64), worn[0].faces
     pinned, counts = [worn[0].pinned], [len(vertices)]
     for one in worn[1:]:
@@ -127,7 +131,7 @@ def laid_over(
         Vertices of the outer garment [m], shape [V, 3]; exactly the given ones where nothing is to do.
 
     Raises:
-        ValueError: Triangles still cross after the last round, or the garment now crosses itself.
+        ValueError: It would have to be lifted too far, or triangles still cross after the last round.
     """
     topology = MeshTopology.from_faces(faces, len(vertices))
     inner_rim = _rim(MeshTopology.from_faces(inner_faces, len(inner_vertices)))
@@ -151,6 +155,8 @@ def laid_over(
         if not missing.any():
             break
         lift = _faded(lift + missing, topology.edges, length)
+        if lift.max() > DEEPEST:
+            raise ValueError(f"it would have to be lifted by more than {1e3 * DEEPEST:g} mm; change its ease or length")
         lifted = vertices + lift[:, None] * normals
     if len(crossed):
         alone = int((crossed.min(axis=1) >= 0).sum())
