@@ -113,7 +113,7 @@ def test_the_plan_of_the_papers_sizes(tmp_path):
     assert run.returncode == 0, run.stdout[-3000:]
     stats = dict(line.split()[:2] for line in run.stdout.splitlines() if len(line.split()) == 2)
     assert int(stats["simulate"]) == 3 * (200 // 40 + -(-1812 // 96))
-    assert int(stats["motions"]) == -(-1812 // 66)
+    assert int(stats["motions"]) == -(-1812 // 96)
     assert int(stats["garment"]) == 3
 
 
