@@ -34,6 +34,7 @@ from pipeline.motion_data import generated_tracks
 from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage
 from report.gallery import Dressed, Gallery, round_scale
+from report.render import worn_colours
 
 LIVELY = (
     "dance-step", "twist", "jumping-jack", "turn-left", "kick", "run", "dance-sway", "hip-circle", "lunge", "walk-fast",
@@ -69,7 +70,8 @@ def draw(job: Job, folder: Path) -> None:
     regressor = load_regressor(regressor_path)
     refiner = Refiner(template.topology, body.faces, len(body.vertices), RefinementSettings(**spec["refinement"]))
     size = (settings["width"], settings["height"])
-    gallery = Gallery(folder, spec["garment"], template.kind, template.faces, body.faces, size, spec["fps"])
+    colours = worn_colours(template.worn_as, template.layer)
+    gallery = Gallery(folder, spec["garment"], colours, template.faces, body.faces, size, spec["fps"])
     shown, frames = settings["sequences"], settings["video_frames"]
     absent = []
 

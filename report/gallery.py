@@ -16,7 +16,7 @@ import numpy as np
 
 from datasets.atomic import write_text
 from report.camera import Framing, View
-from report.render import ERROR_STOPS, GARMENT_COLOURS, render_frame, render_sequence
+from report.render import ERROR_STOPS, Colour, render_frame, render_sequence
 from report.sheets import contact_sheet, side_by_side, with_legend, write_animation, write_image
 
 FAR = 0.8
@@ -60,7 +60,7 @@ class Gallery:
     Args:
         folder: An existing folder.
         garment: Name of the garment.
-        kind: Its kind, which chooses the colour.
+        colour: Its colour.
         garment_faces, body_faces: Triangles.
         size: Width and height of a picture that stands alone [px].
         fps: Frame rate of the animations [Hz].
@@ -70,7 +70,7 @@ class Gallery:
         self,
         folder: Path,
         garment: str,
-        kind: str,
+        colour: Colour,
         garment_faces: np.ndarray,
         body_faces: np.ndarray,
         size: tuple[int, int],
@@ -78,7 +78,7 @@ class Gallery:
     ) -> None:
         self.folder, self.garment, self.size, self.fps = folder, garment, size, fps
         self.faces = {"garment_faces": garment_faces, "body_faces": body_faces}
-        self.colour = kind if kind in GARMENT_COLOURS else next(iter(GARMENT_COLOURS))
+        self.colour = colour
         self.entries: list[dict[str, Any]] = []
 
     def hero(self, garment: np.ndarray, body: np.ndarray) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -34,6 +35,9 @@ GARMENT_COLOURS = {
     "pants": (0.250, 0.330, 0.560),
 }
 """Colours by garment kind, RGB in 0..1."""
+
+Colour = str | tuple[float, float, float] | np.ndarray
+"""A key of ``GARMENT_COLOURS``, one RGB in 0..1, or one for each garment vertex, shape [V, 3]."""
 
 ERROR_STOPS = np.array(
     [
@@ -59,7 +63,7 @@ class SceneRenderer:
         garment_faces: Triangles of the garment, shape [F, 3].
         body_faces: Triangles of the body, shape [Fb, 3].
         size: Width and height of the picture [px].
-        colour: Garment colour, RGB in 0..1, or a key of ``GARMENT_COLOURS``.
+        colour: Garment colour.
         smooth: Round the garment's facets off by one level of Phong tessellation (positions at its vertices stay).
     """
 
@@ -68,7 +72,7 @@ class SceneRenderer:
         garment_faces: np.ndarray,
         body_faces: np.ndarray,
         size: tuple[int, int] = (480, 640),
-        colour: str | tuple[float, float, float] = "skirt",
+        colour: Colour = "skirt",
         smooth: bool = True,
     ) -> None:
         self.size = size
@@ -256,7 +260,7 @@ def render_sequence(
     body: np.ndarray,
     body_faces: np.ndarray,
     size: tuple[int, int] = (480, 640),
-    colour: str | tuple[float, float, float] = "skirt",
+    colour: Colour = "skirt",
     view: View | None = None,
     error: np.ndarray | None = None,
     largest_error: float = 0.05,
@@ -270,7 +274,7 @@ def render_sequence(
         body: Body vertices [m], shape [T, B, 3].
         body_faces: Shape [Fb, 3].
         size: Width and height [px].
-        colour: RGB in 0..1 or a garment kind.
+        colour: Garment colour.
         view: Camera angles; by default a little from the front left.
         error: Error of each vertex [m], shape [T, V].
         largest_error: Error with the darkest colour [m].
@@ -295,7 +299,7 @@ def render_frame(
     body: np.ndarray,
     body_faces: np.ndarray,
     size: tuple[int, int] = (480, 640),
-    colour: str | tuple[float, float, float] = "skirt",
+    colour: Colour = "skirt",
     view: View | None = None,
     error: np.ndarray | None = None,
     largest_error: float = 0.05,
@@ -306,6 +310,21 @@ def render_frame(
         garment[None], garment_faces, body[None], body_faces, size, colour, view, errors, largest_error
     )
     return frames[0]
+
+
+def worn_colours(kinds: Sequence[str], layer: np.ndarray) -> np.ndarray:
+    """RGB in 0..1 of each vertex, shape [V, 3], of garments worn over each other.
+
+    Args:
+        kinds: Kind of each garment: it has that kind's colour, or the next one that no garment under it has.
+        layer: Garment of each vertex, shape [V].
+    """
+    free = dict(GARMENT_COLOURS)
+    colours = []
+    for kind in kinds:
+        free = free or dict(GARMENT_COLOURS)
+        colours.append(free.pop(kind if kind in free else next(iter(free))))
+    return np.array(colours)[layer]
 
 
 def error_colours(error: np.ndarray, largest_error: float) -> np.ndarray:

@@ -214,6 +214,14 @@ def test_a_mistake_in_an_outfit_gets_one_sentence(worn, message):
     assert message in str(caught.value), str(caught.value)
 
 
+def test_each_garment_has_its_colour():
+    from report.render import GARMENT_COLOURS, worn_colours
+
+    colours = worn_colours(("pants", "tshirt", "tshirt", "dress"), np.array([1, 0, 2, 3, 0]))
+    assert np.array_equal(colours[[0, 1, 4]], [GARMENT_COLOURS[kind] for kind in ("tshirt", "pants", "pants")])
+    assert len(np.unique(colours[[0, 1, 2]], axis=0)) == 3, "a second shirt has another colour than the first"
+
+
 def test_an_outfit_is_two_garments_of_different_names():
     shirt = GarmentSpec("shirt", "tshirt", 400)
     with pytest.raises(ValueError, match="outfit 'x': 'worn' must list at least two garments, got 1"):
