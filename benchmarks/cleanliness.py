@@ -5,7 +5,10 @@
 Clips: ``default`` and ``all`` (generated labels), ``mocap`` (every recording of ``--mocap``), a label (``walk``), a
 variant of it (``walk_003``), or ``mocap:`` with a label, recording or clip of that folder. What counts as a crossing
 stands in ``sim.crossings``, what counts as pinched in ``sim.buried``. Counts and depths without the word *pinched* are
-faults: cloth in the body where the body leaves room for it.
+faults: cloth in the body where the body leaves room for it. Garments worn over each other are surveyed as one, with
+``--vertices`` each and their crossings with each other among their own:
+
+    python -m benchmarks.cleanliness --configs configs/default.yaml configs/outfit.yaml --garments dressed
 """
 
 from __future__ import annotations
@@ -63,9 +66,8 @@ def make_subjects(
     Raises:
         ValueError: The config has no such garment.
     """
-    from garments.build import build_template
-    from garments.spec import GarmentSpec
-    from pipeline.spec import MATERIAL_KEYS
+    from garments.outfit import garment_spec, make_template
+    from pipeline.spec import garment_geometry
     from sim.fabrics import base_values
     from sim.parameters import base_parameters
     from sim.settings import SimulationSettings
@@ -78,13 +80,19 @@ def make_subjects(
     for name in garments:
         if name not in config["garments"]:
             raise ValueError(f"unknown garment {name!r}: the config has {', '.join(config['garments'])}")
-        given = config["garments"][name]
-        geometry = {key: value for key, value in given.items() if key not in MATERIAL_KEYS}
-        parameters = base_parameters(base_values(given) | {"substeps": substeps})
+        geometry = garment_geometry(config, name)
+        parameters = base_parameters(base_values(config["garments"][name]) | {"substeps": substeps})
         for count in vertices:
-            template = build_template(GarmentSpec(name=name, **geometry | {"vertices": count}), body)
+            template = make_template(garment_spec(name, _with_vertices(geometry, count)), body)
             subjects.append(Subject(name, Simulator(template, body, settings), parameters))
     return subjects
+
+
+def _with_vertices(geometry: dict, count: int) -> dict:
+    """The geometry with that many vertices; of an outfit, each of its garments."""
+    if "worn" in geometry:
+        return geometry | {"worn": [_with_vertices(one, count) for one in geometry["worn"]]}
+    return geometry if geometry["kind"] == "mesh" else geometry | {"vertices": count}
 
 
 def find_clips(names: Sequence[str], config: dict, body: Body, folder: str, variants: int, windows: int) -> Iterator:
