@@ -7,9 +7,10 @@ import importlib
 
 import warp as wp
 
-_SOLVER = ("membrane", "bending", "integrate", "contact", "seeds", "query", "pokes", "strain", "tethers")
+_SOLVER = ("membrane", "bending", "integrate", "contact", "seeds", "query", "pokes", "tethers")
+_METERS = ("strain", "body_crossings")
 _SELF_CONTACT = ("self_contact", "self_detection", "self_features", "untangle")
-_GENERIC = tuple(f"sim.kernels.{name}" for name in (*_SOLVER, *_SELF_CONTACT))
+_GENERIC = tuple(f"sim.kernels.{name}" for name in (*_SOLVER, *_METERS, *_SELF_CONTACT))
 _PACKED = "sim.kernels.packed_membrane"
 _IMPLICIT = tuple(
     f"sim.implicit.{name}" for name in ("force_kernels", "linear_system", "contact_kernels", "strain_limits")

@@ -16,7 +16,11 @@ class SimulationResult:
             frames that were not reached repeat the last good one.
         quality: Figures by name: ``max_edge_strain``, ``p99_edge_strain``, ``deepest_penetration_m``,
             ``vertices_inside`` (largest number in any frame), ``residual_speed_m_s`` (after settling), ``substeps``,
-            ``seconds_per_frame`` (mean).
+            ``seconds_per_frame`` (mean). Of XPBD also ``triangles_inside_sampled`` (largest number in any of the frames
+            that they were counted in; hands are left out, pinched cloth is not), ``pinched_vertices`` (largest number
+            in any frame that the body leaves no room), ``pinched_frames`` (with any of them), ``longest_pinch_frames``
+            (in a row) and, with self-contact, ``crossing_pairs`` (most edges in any frame that pierce a triangle of the
+            garment, one for each pair of triangles that cross but for the ends of a contour), ``crossing_frames``.
         failure: One sentence on why the simulation cannot be used, None when it ran to its end.
         timing: Wall seconds spent in each part of the solver over the recorded frames.
         frame_seconds: Wall seconds of each recorded frame, shape [T], so that median and p95 can be told.

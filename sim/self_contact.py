@@ -32,8 +32,8 @@ class SelfContact:
     """Feature pairs of a garment that are kept apart, and crossings that are drawn apart.
 
     Attributes:
-        released: Set by the caller before ``find``: 1 where a vertex of a lane takes no part in self-contact, else 0;
-            shape [V], a scalar in every lane.
+        released: 1 where a vertex of a lane takes no part in self-contact, else 0; shape [V], a scalar in every lane.
+            The caller writes it before ``find``, or puts an array of its own here before anything is recorded.
     """
 
     def __init__(self, rest: RestState, width: int, device: str, layer: np.ndarray | None = None):
@@ -77,7 +77,7 @@ class SelfContact:
         self.rest = wp.array(rest.vertices.astype(np.float32), dtype=wp.vec3, device=device)
         self.inverse_mass = wp.array(rest.inverse_mass.astype(np.float32), dtype=float, device=device)
         self.released = wp.zeros(self.count, dtype=scalar, device=device)
-        self.marked, self.tangled = (wp.zeros(self.count, dtype=scalar, device=device) for _ in range(2))
+        self.marked, self.tangled, self.before = (wp.zeros(self.count, dtype=scalar, device=device) for _ in range(3))
         self.total = wp.zeros(1, dtype=scalar, device=device)
         self.normals = wp.zeros(self.count, dtype=vector, device=device)
         first_corner, corners = corner_table(faces, self.count)
@@ -90,6 +90,7 @@ class SelfContact:
         self.delta = wp.zeros(scratch, dtype=vector, device=device)
 
         self.found = wp.zeros(3, dtype=int, device=device)
+        self._grown = False
         self._allocate([16 * len(faces), 16 * len(faces), 256])
 
     def find(self, substeps: int, parameters: wp.array, x: wp.array, v: wp.array) -> bool:
@@ -104,12 +105,14 @@ class SelfContact:
         Returns:
             Whether the lists have grown: graphs that were recorded with them must be recorded again.
         """
-        grown = False
+        grown, self._grown = self._grown, False
+        wp.copy(self.before, self.tangled)
         while True:
             self._search(float(substeps), parameters, x, v)
             found = self.found.numpy()
             if (found <= self._capacity).all():
                 return grown
+            wp.copy(self.tangled, self.before)  # a search that has to be repeated counts once
             self._allocate(np.maximum(self._capacity, (found * _GROWTH).astype(int)).tolist())
             grown = True
 
@@ -140,8 +143,16 @@ class SelfContact:
         return int(self.found.numpy()[1])
 
     def crossing_count(self) -> np.ndarray:
-        """Edges that pierced a triangle at the last search, in each lane, shape [W]."""
+        """Edges that pierced a triangle at the last search, in each lane, shape [W].
+
+        A contour of intersection through n pairs of triangles has n such points, or n + 1 where it is open.
+        """
         return self.total.numpy().reshape(-1).astype(int)
+
+    def count_crossings(self, parameters: wp.array, x: wp.array, v: wp.array) -> np.ndarray:
+        """Search now and give the :meth:`crossing_count`: at the end of a clip, which no other search follows."""
+        self._grown = self.find(0, parameters, x, v)
+        return self.crossing_count()
 
     def _search(self, interval: float, parameters: wp.array, x: wp.array, v: wp.array) -> None:
         for counter in (self.found, self.total):

@@ -15,8 +15,10 @@ import numpy as np
 
 from geometry.proximity import closest_surface
 from sim.body_contact import BodyContact, sag
+from sim.body_crossings import BodyCrossings
 from sim.body_motion import PELVIS, moved, pelvis_positions, query_times, transforms_at
 from sim.body_parts import body_regions, handless, whole_body, worn_parts
+from sim.clip_figures import ClipFigures
 from sim.compile import resolve_device
 from sim.motion import checked_motion
 from sim.parameters import PARAMETER_NAMES, check_parameters
@@ -141,9 +143,13 @@ class Simulator:
         bind_pins = self.rest.vertices[pinned] - skeleton.centre
         skin = (template.skin_index[pinned], template.skin_weight[pinned])
         pins = Skin(bind_pins, *skin, skeleton.motions, device)
-        folds = SelfContact(self.rest, worlds, device, template.layer) if self.settings.self_contact else None
-        self.solver = XpbdSolver(self.rest, skeleton, self.contact, pins, device, folds, self.settings.tethers)
+        self.folds = SelfContact(self.rest, worlds, device, template.layer) if self.settings.self_contact else None
+        if self.folds is not None:
+            # Between two surfaces without room for it, cloth follows its own: keeping apart there is impossible too.
+            self.folds.released = self.contact.pinched
+        self.solver = XpbdSolver(self.rest, skeleton, self.contact, pins, device, self.folds, self.settings.tethers)
         self.strain = StrainMeter(self.rest, worlds, device)
+        self.pokes = BodyCrossings(template.faces, self.contact)
         self._rested: _Rested | None = None
         self._check_start()
 
@@ -195,22 +201,24 @@ class Simulator:
 
         recorded = np.empty((self.worlds, total - lead_in, solver.count, 3), dtype=np.float32)
         seconds = np.zeros(total)
-        inside, deepest = np.zeros(self.worlds, dtype=int), np.zeros(self.worlds)
+        figures = ClipFigures(self.worlds)
         failures: list[str | None] = [None] * self.worlds
         query = 0
         for frame in range(total):
             begun = time.perf_counter()
-            if frame > 0:
-                for count in counts:
-                    query += 1
-                    solver.advance(count, transforms[query], origins[query])
             index = frame - lead_in
+            for step, count in enumerate(counts if frame > 0 else ()):
+                query += 1
+                solver.advance(count, transforms[query], origins[query])
+                if self.folds is not None and step == 0 and index > 0:
+                    # An interval begins with a search: this one saw the end of the last frame.
+                    figures.add_crossings(self.folds.crossing_count())
             self._retire_diverged(index, failures)
             if index >= 0:
                 recorded[:, index] = solver.positions()
-                depth = -self.contact.distances()
-                inside = np.maximum(inside, (depth > 0.0).sum(axis=1))
-                deepest = np.maximum(deepest, depth.max(axis=1, initial=0.0))
+                figures.add_contact(self.contact.distances(), self.contact.pinched.numpy().T)
+                if (index + 1) % settings.check_every == 0 or frame == total - 1:
+                    figures.add_triangles(self.pokes.count(solver.x))
                 for lane, failure in enumerate(failures):
                     if failure is not None:  # repeat the last good frame
                         recorded[lane, index] = recorded[lane, index - 1] if index else self.rest.vertices
@@ -223,6 +231,8 @@ class Simulator:
                     recorded[:] = self.rest.vertices
                 break
 
+        if self.folds is not None:
+            figures.add_crossings(self.folds.count_crossings(solver.parameters, solver.x, solver.v))
         p99 = self.strain.percentile(0.99)
         timing = {"settle": settle_seconds, "lead_in": float(seconds[:lead_in].sum())}
         timing["frames"] = float(seconds[lead_in:].sum())
@@ -231,8 +241,7 @@ class Simulator:
             quality = {
                 "max_edge_strain": float(self.strain.highest[lane]),
                 "p99_edge_strain": float(p99[lane]),
-                "deepest_penetration_m": float(deepest[lane]),
-                "vertices_inside": float(inside[lane]),
+                **figures.of(lane),
                 "residual_speed_m_s": float(rested.speed[lane]),
                 "substeps": float(substeps),
                 "seconds_per_frame": float(seconds[lead_in:].mean()) / len(worlds),

@@ -208,7 +208,9 @@ def test_clip_keeps_the_garment_outside_the_body(body, skirt):
     for frame in range(0, 14, 3):
         assert closest_surface(result.vertices[frame, free], posed[frame], body.faces).distance.min() > 0.0
     assert result.quality["vertices_inside"] == 0 and result.quality["p99_edge_strain"] < 0.15
-    expected = {"max_edge_strain", "p99_edge_strain", "deepest_penetration_m", "vertices_inside"}
+    expected = {"max_edge_strain", "p99_edge_strain", "deepest_penetration_m", "vertices_inside", "pinched_vertices"}
+    expected |= {"triangles_inside_sampled", "pinched_frames", "longest_pinch_frames"}
+    expected |= {"crossing_pairs", "crossing_frames"}
     assert expected | {"residual_speed_m_s", "substeps", "seconds_per_frame"} == set(result.quality)
     # Pins follow the skinned body.
     transforms = body.joint_transforms(pose[-1:], root[-1:])[0]
