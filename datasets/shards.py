@@ -10,7 +10,9 @@ A shard holds the simulated sequences of one garment for a fixed slice of the da
 ``/body`` attributes               ``name``, ``digest``; ``/body/faces`` [Fb, 3] int32, ``/body/shape`` [10] float64
 ``/parameters/{names,units,groups}``  intrinsic parameters, [K] strings
 ``/sequences/0000``                one simulation: attributes ``clip``, ``take``, ``take_index``, ``label``, ``phi``
-                                   (number of the parameter set, 0 = base) and every quality figure
+                                   (number of the parameter set, 0 = base) and every quality figure of the
+                                   simulation under ``quality_`` and its name (strain, depth and vertices inside,
+                                   pinched vertices and frames, crossing pairs ...: ``sim.result``)
 ``.../vertices``                   garment in the world [m], [T, V, 3] float32
 ``.../pose``, ``root``, ``joints`` SMPL pose [rad] [T, 24, 3], root translation [m] [T, 3], joints [m] [T, 24, 3]
 ``.../lead_{pose,root,joints}``    the motion before the first recorded frame, [L, ...]

@@ -38,7 +38,8 @@ CAPTIONS: dict[str, Caption] = {
     "simulation": Caption(
         "Simulated data",
         "One row a garment and plan. Strain is the change of an edge's length against the template; penetration and "
-        "time are those of the simulator.",
+        "time are those of the simulator. Pinched: vertices that the body leaves no room for, in the worst frame. "
+        "Crossing pairs: of triangles of the garment, in the worst frame.",
         "Wang 2019, section 4; Shi 2023, section 4.1 (data sets).",
         _made("evaluate_simulation", "evaluation/simulation.py", "simulation"),
         "All splits together.",
@@ -54,6 +55,8 @@ CAPTIONS: dict[str, Caption] = {
             "p99_edge_strain_median_percent",
             "p99_edge_strain_max_percent",
             "deepest_penetration_max_mm",
+            "pinched_vertices_max",
+            "crossing_pairs_max",
             "residual_speed_max_mm_s",
             "time_a_frame_median_s",
         ),

@@ -189,7 +189,8 @@ def spec_of(**changes) -> dict:
         "settle": 0.1,
         "attempts": 1,
         "substeps_factor": 2.0,
-        "bounds": {"p99_edge_strain": 9, "penetration": 9, "vertices_inside": 1, "residual_speed": 99},
+        "bounds": {"p99_edge_strain": 9, "penetration": 9, "vertices_inside": 1, "residual_speed": 99}
+        | {"triangles_inside": 2, "pinched_vertices": 1, "crossing_pairs": 10},
     }
     spec = {"garment": "skirt", "plan": "materials", "seed": 1, "body": {"resolution": "small", "shape": []}}
     spec |= {"base": {}, "ranges": {}, "simulations": [[0, "still_000", 0]], "fps": FPS, "lead_in": 4, "solver": solver}

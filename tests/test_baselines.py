@@ -223,6 +223,7 @@ def test_simulation_rows() -> None:
     kept = [
         {"garment": "skirt", "plan": "motions", "phi": 0, "clip": f"c{k}", "frames": 60, "attempts": 1 + (k == 2)}
         | {"p99_edge_strain": 0.01 * (k + 1), "deepest_penetration_m": 0.001 * k}
+        | {"pinched_vertices": 2.0 * k, "pinched_frames": 3.0 * k, "crossing_pairs": 7.0 - k}
         for k in range(3)
     ]
     lost = [
@@ -234,5 +235,7 @@ def test_simulation_rows() -> None:
     assert row["dropped_reasons"] == "2 x p99 edge strain N above N"
     assert row["p99_edge_strain_max_percent"] == pytest.approx(3.0)
     assert row["deepest_penetration_max_mm"] == pytest.approx(2.0)
+    assert (row["pinched_vertices_max"], row["pinched_frames_mean"], row["crossing_pairs_max"]) == (4.0, 3.0, 7.0)
+    assert row["crossing_frames_mean"] is None
     assert row["retried"] == 1 and row["max_edge_strain_percent"] is None
     assert reason_class("speed 1.5e-3 m/s at frame 12") == "speed N m/s at frame N"

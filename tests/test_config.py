@@ -126,6 +126,22 @@ CASES = {
         "motions: {procedural: {labels: 999}}",
         ["mine.yaml: motions.procedural: 999 labels are asked for, the generator knows"],
     ),
+    "a share of pinched vertices that is none": (
+        "simulation: {bounds: {pinched_vertices: 3}}",
+        ["mine.yaml: simulation.bounds.pinched_vertices: found 3", "share of the vertices"],
+    ),
+    "a negative bound": (
+        "simulation: {bounds: {crossing_pairs: -1}}",
+        ["mine.yaml: simulation.bounds.crossing_pairs: found -1", "pairs a vertex"],
+    ),
+    "more triangles than there are": (
+        "simulation: {bounds: {triangles_inside: 9}}",
+        ["mine.yaml: simulation.bounds.triangles_inside: found 9", "triangles a vertex"],
+    ),
+    "a bound that is not there": (
+        "simulation: {bounds: {pinched_frames: 3}}",
+        ["mine.yaml: simulation.bounds.pinched_frames: unknown key", "pinched_vertices"],
+    ),
     "no folder": ("motions: {source: bvh}", ["motions.bvh: no folder is given"]),
     "folder that is not there": (
         "motions: {source: bvh, bvh: {folder: no/such/folder}}",

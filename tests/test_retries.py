@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 from motions.clip import Clip
-from pipeline.ensembles import Planned, simulate_all
+from pipeline.ensembles import Planned, out_of_bounds, simulate_all
 from sim.parameters import base_parameters
 from sim.result import SimulationResult
 
 BOUNDS = {"p99_edge_strain": 0.3, "penetration": 0.01, "vertices_inside": 0.01, "residual_speed": 0.5}
+BOUNDS |= {"triangles_inside": 0.1, "pinched_vertices": 0.03, "crossing_pairs": 0.25}
+INSIDE = {"p99_edge_strain": 0.3, "deepest_penetration_m": 0.01, "vertices_inside": 2.0, "residual_speed_m_s": 0.5}
+INSIDE |= {"triangles_inside_sampled": 20.0, "pinched_vertices": 6.0, "crossing_pairs": 50.0}  # of 200 vertices
 SOLVER = {"attempts": 3, "substeps_factor": 2.0, "bounds": BOUNDS}
 
 
@@ -28,9 +31,8 @@ class Judge:
         results = []
         for world in worlds:
             strain = world.parameters["density"] * 10.0 / world.parameters["substeps"]
-            quality = {"p99_edge_strain": strain, "deepest_penetration_m": 0.0, "vertices_inside": 0.0}
-            frames = len(world.pose) - lead_in
-            results.append(SimulationResult(np.zeros((frames, 5, 3)), quality | {"residual_speed_m_s": 0.0}))
+            quality = dict.fromkeys(INSIDE, 0.0) | {"p99_edge_strain": strain}
+            results.append(SimulationResult(np.zeros((len(world.pose) - lead_in, 5, 3)), quality))
         return results
 
 
@@ -68,3 +70,23 @@ def test_what_no_attempt_brings_inside_says_why():
     judges = {flag: Judge(flag) for flag in (False, True)}
     (outcome,) = simulate_all(judges.__getitem__, planned(1, [2.0]), False, SOLVER, lambda n: None)
     assert outcome.attempts == 3 and outcome.result.failure == "p99 edge strain 0.5 above 0.3"
+
+
+@pytest.mark.parametrize(
+    ("figure", "value", "message"),
+    [
+        ("p99_edge_strain", 0.31, "p99 edge strain 0.31 above 0.3"),
+        ("deepest_penetration_m", 0.011, "penetration 0.011 m above 0.01 m"),
+        ("vertices_inside", 3.0, "share of vertices inside the body 0.015 above 0.01"),
+        ("triangles_inside_sampled", 21.0, "triangles inside the body 0.105 a vertex above 0.1 a vertex"),
+        ("pinched_vertices", 7.0, "share of vertices that are pinched 0.035 above 0.03"),
+        ("crossing_pairs", 51.0, "crossing pairs 0.255 a vertex above 0.25 a vertex"),
+        ("crossing_pairs", float("nan"), "crossing pairs nan"),
+        ("residual_speed_m_s", 0.6, "residual speed 0.6 m/s above 0.5 m/s"),
+    ],
+)
+def test_every_bound_has_its_sentence(figure, value, message):
+    assert out_of_bounds(INSIDE, BOUNDS, 200) is None
+    assert message in out_of_bounds(INSIDE | {figure: value}, BOUNDS, 200)
+    without = {name: count for name, count in INSIDE.items() if name != "crossing_pairs"}
+    assert out_of_bounds(without, BOUNDS, 200) is None  # without self-contact none are counted
