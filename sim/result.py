@@ -20,7 +20,7 @@ class SimulationResult:
             that they were counted in; hands are left out, pinched cloth is not), ``pinched_vertices`` (largest number
             in any frame that the body leaves no room), ``pinched_frames`` (with any of them), ``longest_pinch_frames``
             (in a row) and, with self-contact, ``crossing_pairs`` (most edges in any frame that pierce a triangle of the
-            garment, one for each pair of triangles that cross but for the ends of a contour), ``crossing_frames``.
+            garment: about one for each pair of triangles that cross) and ``crossing_frames`` (with any of them).
         failure: One sentence on why the simulation cannot be used, None when it ran to its end.
         timing: Wall seconds spent in each part of the solver over the recorded frames.
         frame_seconds: Wall seconds of each recorded frame, shape [T], so that median and p95 can be told.

@@ -145,7 +145,7 @@ class SelfContact:
     def crossing_count(self) -> np.ndarray:
         """Edges that pierced a triangle at the last search, in each lane, shape [W].
 
-        A contour of intersection through n pairs of triangles has n such points, or n + 1 where it is open.
+        Along a contour of intersection there is about one for each pair of triangles that cross.
         """
         return self.total.numpy().reshape(-1).astype(int)
 
