@@ -11,7 +11,7 @@ _SOLVER = ("membrane", "bending", "integrate", "contact", "seeds", "query", "pok
 _METERS = ("strain", "body_crossings")
 _SELF_CONTACT = ("self_contact", "self_detection", "self_features", "untangle")
 _GENERIC = tuple(f"sim.kernels.{name}" for name in (*_SOLVER, *_METERS, *_SELF_CONTACT))
-_PACKED = "sim.kernels.packed_membrane"
+_PACKED = tuple(f"sim.kernels.packed_{name}" for name in ("membrane", "bending", "motion"))
 _IMPLICIT = tuple(
     f"sim.implicit.{name}" for name in ("force_kernels", "linear_system", "contact_kernels", "strain_limits")
 )
@@ -44,7 +44,7 @@ def load_kernels(warp_device: str) -> None:
     """Have the simulator's modules ready on a Warp device, because a graph that is being recorded can load none."""
     modules = [importlib.import_module(name) for name in _GENERIC]
     if warp_device == "cpu":
-        modules.append(importlib.import_module(_PACKED))
+        modules += [importlib.import_module(name) for name in _PACKED]
     for module in modules:
         wp.load_module(module, device=warp_device)
 

@@ -30,10 +30,11 @@ import warp as wp
 
 from sim.body_contact import BodyContact, corner_table
 from sim.compile import load_kernels
-from sim.constraints import device_hinges, device_packs, device_triangles
-from sim.kernels import bending, integrate, membrane, packed_membrane
-from sim.kernels.lanes import scalars, vectors
-from sim.kernels.parameters import ROW_COUNT, substep_constants
+from sim.kernels import integrate
+from sim.kernels.packs import PACK
+from sim.kernels.parameters import substep_constants
+from sim.lane_substep import LaneSubstep, State
+from sim.packed_substep import PackedSubstep
 from sim.parameters import check_parameters, parameter
 from sim.rest_state import RestState
 from sim.self_contact import SelfContact
@@ -86,21 +87,15 @@ class XpbdSolver:
         self.rest, self.skeleton, self.contact, self.pins, self.device = rest, skeleton, contact, pins, device
         self.self_contact = self_contact
         self.count, self.width = len(rest.vertices), width
-        self.packed = width == 1 and device == "cpu"
-        self.triangles = (device_packs if self.packed else device_triangles)(rest, device)
-        self.hinges = device_hinges(rest, device)
+        self.state = state = State.zero(rest, width, device)
+        self.x, self.v, self.inverse_mass, self.parameters = state.x, state.v, state.inverse_mass, state.parameters
+        packed = width == 1 and device == "cpu" and self.count >= PACK
+        self.substep = (PackedSubstep if packed else LaneSubstep)(rest, state, contact, device)
         self.pinned = wp.array(rest.pinned, dtype=int, device=device)
-        self.inverse_mass = wp.array(rest.inverse_mass.astype(np.float32), dtype=float, device=device)
         first_corner, corners = corner_table(rest.topology.faces, self.count)
         self.first_corner = wp.array(first_corner, dtype=int, device=device)
         self.corners = wp.array(corners, dtype=wp.vec2i, device=device)
-        vector = vectors(width)
-        self.x, self.v, self.x_prev, self.x_pred, self.normals = (
-            wp.zeros(self.count, dtype=vector, device=device) for _ in range(5)
-        )
-        self.crease = wp.zeros(len(rest.hinges), dtype=scalars(width), device=device)
         self.tethers = Tethers(rest, device) if tethered and len(rest.pinned) else None
-        self.parameters = wp.zeros(ROW_COUNT, dtype=scalars(width), device=device)
         self.plastic = False
         self._graphs: dict[tuple[int, bool], wp.Graph] = {}
 
@@ -160,7 +155,8 @@ class XpbdSolver:
         self.x.assign(self._in_lanes(local))
         still = np.zeros((self.count, 3)) if velocities is None else velocities
         self.v.assign(self._in_lanes(np.asarray(still)))
-        self.crease.zero_() if crease is None else self.crease.assign(crease)
+        kept = self.substep.crease
+        kept.zero_() if crease is None else kept.assign(crease.reshape(len(kept), -1))
         if self.self_contact is not None:
             self.self_contact.forget()
         if self.contact is not None:
@@ -202,8 +198,8 @@ class XpbdSolver:
         return velocities[0] if self.width == 1 else velocities
 
     def creases(self) -> np.ndarray:
-        """Crease of each hinge in every lane [1], in the order of the colours, shape [H, W]."""
-        return self.crease.numpy().copy()
+        """Crease of each hinge in every lane [1], in the order of the solver, some of them repeated, shape [.., W]."""
+        return self.substep.crease.numpy().reshape(-1, self.width).copy()
 
     def put_back(self, lanes: np.ndarray, local: np.ndarray) -> None:
         """Put the garments of some lanes at rest to these positions [m], shape [V, 3], relative to the origin."""
@@ -235,58 +231,34 @@ class XpbdSolver:
         self.pins.launch(skeleton)
         if self.contact is not None:
             self.contact.launch_motion()
-        launch(integrate.cloth_normals, self.count, [self.first_corner, self.corners, self.x], [self.normals])
+        inputs = [self.first_corner, self.corners, self.x]
+        launch(integrate.cloth_normals, self.count, inputs, [self.state.normals])
         if self.plastic:
-            inputs = [self.hinges.items, self.parameters, self.x]
-            launch(bending.yield_hinges, len(self.rest.hinges), inputs, [self.crease])
+            self.substep.crease_where_bent()
         done = 0
         for span in even_split(substeps, max(1, round(substeps / SUBSTEPS_A_DAMPING))):
-            self._damp(float(span))
+            self.substep.damp(float(span))
+            self.substep.begin()
+            last = done + span
             for bends in _bending_spans(span):
                 done += 1
-                self._substep(done / substeps, 1.0 / substeps, bends)
+                fraction = done / substeps
+                self._solve(fraction, bends)
+                self.substep.end(fraction, 1.0 / substeps, goes_on=done < last)
 
-    def _damp(self, span: float) -> None:
-        for first, count in self.triangles.ranges:
-            if self.packed:
-                inputs = [first, span, self.triangles.items, self.parameters, self.x]
-                self._launch(packed_membrane.damp_packed_membrane, count, inputs, [self.v])
-            else:
-                inputs = [first, span, self.triangles.items, self.inverse_mass, self.parameters, self.x]
-                self._launch(membrane.damp_membrane, count, inputs, [self.v])
-        for first, count in self.hinges.ranges:
-            inputs = [first, span, self.hinges.items, self.inverse_mass, self.parameters]
-            self._launch(bending.damp_bending, count, inputs, [self.v])
-
-    def _substep(self, fraction: float, step: float, bends: int) -> None:
-        launch = self._launch
-        inputs = [self.inverse_mass, self.parameters, self.normals]
-        launch(integrate.predict, self.count, inputs, [self.v, self.x, self.x_prev, self.x_pred])
+    def _solve(self, fraction: float, bends: int) -> None:
+        """Constraints of a substep, all but the contact with the body."""
         if self.pins.count:
             inputs = [fraction, self.pinned, self.skeleton.device_lane_motion, self.pins.count]
-            launch(integrate.move_pins, self.pins.count, [*inputs, self.pins.start, self.pins.end], [self.x])
-        for first, count in self.triangles.ranges:
-            if self.packed:
-                inputs = [first, self.triangles.items, self.parameters]
-                launch(packed_membrane.solve_packed_membrane, count, inputs, [self.x])
-            else:
-                inputs = [first, self.triangles.items, self.inverse_mass, self.parameters]
-                launch(membrane.solve_membrane, count, inputs, [self.x])
+            inputs += [self.pins.start, self.pins.end]
+            self._launch(integrate.move_pins, self.pins.count, inputs, [self.x])
+        self.substep.solve_membrane()
         if self.tethers is not None:
             self.tethers.launch(self.parameters, self.x)
         if bends:
-            for first, count in self.hinges.ranges:
-                inputs = [first, float(bends), self.hinges.items, self.inverse_mass, self.parameters]
-                if self.plastic:
-                    launch(bending.solve_creased_bending, count, [*inputs, self.crease], [self.x])
-                else:
-                    launch(bending.solve_bending, count, inputs, [self.x])
+            self.substep.solve_bending(float(bends), self.plastic)
         if self.self_contact is not None:
-            self.self_contact.launch_solve(self.parameters, self.x_prev, self.x, self.x_pred)
-        if self.contact is not None:
-            self.contact.launch_solve(fraction, step, self.inverse_mass, self.x_prev, self.parameters, self.x)
-        inputs = [self.inverse_mass, self.parameters, self.x, self.x_prev, self.x_pred]
-        launch(integrate.update_velocity, self.count, inputs, [self.v])
+            self.self_contact.launch_solve(self.parameters, self.state.x_prev, self.x, self.state.x_pred)
 
     def _launch(self, kernel: wp.Kernel, size: int, inputs: list, outputs: list) -> None:
         wp.launch(kernel, size, inputs, outputs, device=self.device)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import warp as wp
 
 from sim.colouring import colour_constraints
 from sim.compile import compile_kernels, resolve_device
-from sim.kernels import bending, packed_membrane
+from sim.lane_substep import LaneSubstep
+from sim.packed_substep import PackedSubstep
 from sim.parameters import base_parameters
 from sim.rest_state import RestState, isometric_hinge_weights
 from sim.skeleton import Skeleton, Skin
@@ -234,13 +234,13 @@ def membrane_step(rest: RestState, order: np.ndarray, x: np.ndarray, values: dic
     return x
 
 
-def launch_colours(kernel, colours, inputs, out) -> None:
-    for first, count in colours:
-        wp.launch(kernel, count, [first, *inputs], [out], device=DEVICE)
+def substep(solver: XpbdSolver, kind: type) -> LaneSubstep | PackedSubstep:
+    return kind(solver.rest, solver.state, None, DEVICE)
 
 
+@pytest.mark.parametrize("kind", [LaneSubstep, PackedSubstep])
 @pytest.mark.parametrize("compression", [0.3, 1.0])
-def test_membrane_kernel_against_dense_reference(compression):
+def test_membrane_kernel_against_dense_reference(compression, kind):
     vertices, faces = lattice(4, 5, 0.02)
     vertices = vertices + np.random.default_rng(4).normal(0.0, 0.002, vertices.shape)
     values = base_parameters({**STILL, "compression": compression})
@@ -248,23 +248,22 @@ def test_membrane_kernel_against_dense_reference(compression):
     start = vertices + np.random.default_rng(5).normal(0.0, 0.002, vertices.shape)
     solver.set_parameters(values, dt)
     solver.place(start, None, IDENTITY, ORIGIN)
-    inputs = [solver.triangles.items, solver.parameters]
-    launch_colours(packed_membrane.solve_packed_membrane, solver.triangles.ranges, inputs, solver.x)
+    substep(solver, kind).solve_membrane()
     order = colour_constraints(faces, len(vertices)).order
     expected = membrane_step(solver.rest, order, start, values, dt)
     assert np.abs(expected - start).max() > 1e-4
     assert np.abs(solver.positions() - expected).max() < 3e-6
 
 
-def test_bending_kernel_against_dense_reference():
+@pytest.mark.parametrize("kind", [LaneSubstep, PackedSubstep])
+def test_bending_kernel_against_dense_reference(kind):
     vertices, faces = lattice(4, 5, 0.02)
     solver, dt = solver_of(vertices, faces, [0, 3]), 1.0e-3
     values = base_parameters({**STILL, "bend": 5.0e-4})
     start = vertices + np.random.default_rng(6).normal(0.0, 0.003, vertices.shape)
     solver.set_parameters(values, dt)
     solver.place(start, None, IDENTITY, ORIGIN)
-    inputs = [1.0, solver.hinges.items, solver.inverse_mass, solver.parameters]
-    launch_colours(bending.solve_bending, solver.hinges.ranges, inputs, solver.x)
+    substep(solver, kind).solve_bending(1.0, creased=False)
 
     rest, expected = solver.rest, start.copy()
     for h in colour_constraints(rest.hinges, len(vertices)).order:

@@ -94,7 +94,9 @@ class Bent:
 
 @wp.func
 def bent(
-    weight: wp.vec4,
+    w1: float,
+    w2: float,
+    w3: float,
     x0: float,
     y0: float,
     z0: float,
@@ -123,9 +125,9 @@ def bent(
     b.nx = nx * over
     b.ny = ny * over
     b.nz = nz * over
-    b.cx = weight[1] * (x1 - x0) + weight[2] * (x2 - x0) + weight[3] * (x3 - x0)
-    b.cy = weight[1] * (y1 - y0) + weight[2] * (y2 - y0) + weight[3] * (y3 - y0)
-    b.cz = weight[1] * (z1 - z0) + weight[2] * (z2 - z0) + weight[3] * (z3 - z0)
+    b.cx = w1 * (x1 - x0) + w2 * (x2 - x0) + w3 * (x3 - x0)
+    b.cy = w1 * (y1 - y0) + w2 * (y2 - y0) + w3 * (y3 - y0)
+    b.cz = w1 * (z1 - z0) + w2 * (z2 - z0) + w3 * (z3 - z0)
     b.along = b.cx * b.nx + b.cy * b.ny + b.cz * b.nz
     return b
 
@@ -150,18 +152,20 @@ def solve_creased_bending(
     x1 = x[h.i1]
     x2 = x[h.i2]
     x3 = x[h.i3]
-    weight = h.weight
-    m0 = weight[0] * inverse_mass[h.i0]
-    m1 = weight[1] * inverse_mass[h.i1]
-    m2 = weight[2] * inverse_mass[h.i2]
-    m3 = weight[3] * inverse_mass[h.i3]
+    w1 = h.weight[1]
+    w2 = h.weight[2]
+    w3 = h.weight[3]
+    m0 = h.weight[0] * inverse_mass[h.i0]
+    m1 = w1 * inverse_mass[h.i1]
+    m2 = w2 * inverse_mass[h.i2]
+    m3 = w3 * inverse_mass[h.i3]
     norm = h.norm
     for k in range(lanes):
         y = lanes + k
         z = 2 * lanes + k
         stiffness = span * bend[k]
         scale = -stiffness / (1.0 + stiffness * norm)
-        b = bent(weight, x0[k], x0[y], x0[z], x1[k], x1[y], x1[z], x2[k], x2[y], x2[z], x3[k], x3[y], x3[z])
+        b = bent(w1, w2, w3, x0[k], x0[y], x0[z], x1[k], x1[y], x1[z], x2[k], x2[y], x2[z], x3[k], x3[y], x3[z])
         px = scale * (b.cx - rest[k] * b.nx)
         py = scale * (b.cy - rest[k] * b.ny)
         pz = scale * (b.cz - rest[k] * b.nz)
@@ -200,12 +204,14 @@ def yield_hinges(
     x1 = x[h.i1]
     x2 = x[h.i2]
     x3 = x[h.i3]
-    weight = h.weight
+    w1 = h.weight[1]
+    w2 = h.weight[2]
+    w3 = h.weight[3]
     over_curvature = h.over_curvature
     for k in range(lanes):
         y = lanes + k
         z = 2 * lanes + k
-        b = bent(weight, x0[k], x0[y], x0[z], x1[k], x1[y], x1[z], x2[k], x2[y], x2[z], x3[k], x3[y], x3[z])
+        b = bent(w1, w2, w3, x0[k], x0[y], x0[z], x1[k], x1[y], x1[z], x2[k], x2[y], x2[z], x3[k], x3[y], x3[z])
         elastic = limit[k] * over_curvature
         rest[k] = wp.max(b.along - elastic, wp.min(rest[k], b.along + elastic))
     crease[i] = rest

@@ -139,6 +139,80 @@ def carry_planes(
     plane_turn[i] = turn
 
 
+@wp.struct
+class Place:
+    """Position of one vertex [m], and how deep it was [m]; padded as ``membrane.Multipliers``."""
+
+    x: float
+    y: float
+    z: float
+    depth: float
+    _pad: float
+
+
+@wp.func
+def put_outside(
+    fraction: float,
+    step: float,
+    friction: float,
+    gap: float,
+    ax: float,
+    ay: float,
+    az: float,
+    tx: float,
+    ty: float,
+    tz: float,
+    nx: float,
+    ny: float,
+    nz: float,
+    ux: float,
+    uy: float,
+    uz: float,
+    bx: float,
+    by: float,
+    bz: float,
+    px: float,
+    py: float,
+    pz: float,
+):
+    """Unilateral contact with a plane at ``fraction`` of the interval, and Coulomb friction.
+
+    The plane goes through a, travels by t; its normal n turns by u. The vertex is at p and began the substep at b.
+    Friction takes away the sliding against the body within the substep (``step`` = 1 / substeps of the interval), at
+    most ``mu`` times the depth that was resolved.
+    """
+    nx = nx + ux * fraction
+    ny = ny + uy * fraction
+    nz = nz + uz * fraction
+    over = 1.0 / wp.sqrt(nx * nx + ny * ny + nz * nz + 1.0e-20)
+    nx = nx * over
+    ny = ny * over
+    nz = nz * over
+    rx = px - ax - tx * fraction
+    ry = py - ay - ty * fraction
+    rz = pz - az - tz * fraction
+    depth = wp.max(gap - (rx * nx + ry * ny + rz * nz), 0.0)
+    px = px + nx * depth
+    py = py + ny * depth
+    pz = pz + nz * depth
+    sx = px - bx - tx * step
+    sy = py - by - ty * step
+    sz = pz - bz - tz * step
+    along = sx * nx + sy * ny + sz * nz
+    sx = sx - nx * along
+    sy = sy - ny * along
+    sz = sz - nz * along
+    length = wp.sqrt(sx * sx + sy * sy + sz * sz + 1.0e-20)
+    limit = friction * depth
+    held = wp.where(length > limit, limit / length, 1.0) * wp.where(depth > 0.0, 1.0, 0.0)
+    r = Place()
+    r.x = px - sx * held
+    r.y = py - sy * held
+    r.z = pz - sz * held
+    r.depth = depth
+    return r
+
+
 @wp.kernel
 def solve_contact(
     fraction: float,
@@ -154,57 +228,50 @@ def solve_contact(
     parameters: wp.array(dtype=Any),
     x: wp.array(dtype=Any),
 ):
-    """Unilateral contact with the cached plane at ``fraction`` of the interval, and Coulomb friction.
-
-    Friction takes away the sliding against the body within the substep (``step`` = 1 / substeps of the interval), at
-    most ``mu`` times the depth that was resolved.
-    """
+    """Contact of each vertex with its cached plane."""
     i = wp.tid()
     if near[i] == 0 or inverse_mass[i] == 0.0:
         return
     friction = parameters[FRICTION]
     gap = clearance[i]
-    point = plane_point[i]
-    travel = plane_travel[i]
-    normal = plane_normal[i]
-    turn = plane_turn[i]
-    before = x_prev[i]
-    position = x[i]
+    a = plane_point[i]
+    t = plane_travel[i]
+    n = plane_normal[i]
+    u = plane_turn[i]
+    b = x_prev[i]
+    p = x[i]
     lanes = len(friction)
     for k in range(lanes):
         y = lanes + k
         z = 2 * lanes + k
-        nx = normal[k] + turn[k] * fraction
-        ny = normal[y] + turn[y] * fraction
-        nz = normal[z] + turn[z] * fraction
-        over = 1.0 / wp.sqrt(nx * nx + ny * ny + nz * nz + 1.0e-20)
-        nx = nx * over
-        ny = ny * over
-        nz = nz * over
-        px = position[k]
-        py = position[y]
-        pz = position[z]
-        rx = px - point[k] - travel[k] * fraction
-        ry = py - point[y] - travel[y] * fraction
-        rz = pz - point[z] - travel[z] * fraction
-        depth = wp.max(gap[k] - (rx * nx + ry * ny + rz * nz), 0.0)
-        px = px + nx * depth
-        py = py + ny * depth
-        pz = pz + nz * depth
-        sx = px - before[k] - travel[k] * step
-        sy = py - before[y] - travel[y] * step
-        sz = pz - before[z] - travel[z] * step
-        along = sx * nx + sy * ny + sz * nz
-        sx = sx - nx * along
-        sy = sy - ny * along
-        sz = sz - nz * along
-        length = wp.sqrt(sx * sx + sy * sy + sz * sz + 1.0e-20)
-        limit = friction[k] * depth
-        held = wp.where(length > limit, limit / length, 1.0) * wp.where(depth > 0.0, 1.0, 0.0)
-        position[k] = px - sx * held
-        position[y] = py - sy * held
-        position[z] = pz - sz * held
-    x[i] = position
+        r = put_outside(
+            fraction,
+            step,
+            friction[k],
+            gap[k],
+            a[k],
+            a[y],
+            a[z],
+            t[k],
+            t[y],
+            t[z],
+            n[k],
+            n[y],
+            n[z],
+            u[k],
+            u[y],
+            u[z],
+            b[k],
+            b[y],
+            b[z],
+            p[k],
+            p[y],
+            p[z],
+        )
+        p[k] = r.x
+        p[y] = r.y
+        p[z] = r.z
+    x[i] = p
 
 
 for _width in WIDTHS:

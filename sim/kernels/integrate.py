@@ -22,6 +22,55 @@ from sim.kernels.parameters import (
 wp.set_module_options(LANE_OPTIONS)
 
 
+@wp.struct
+class Motion:
+    """Position [m] and velocity [m/s] of one vertex."""
+
+    px: float
+    py: float
+    pz: float
+    vx: float
+    vy: float
+    vz: float
+
+
+@wp.func
+def blown(
+    dt: float,
+    keep: float,
+    across: float,
+    along: float,
+    wind_x: float,
+    wind_z: float,
+    gravity: float,
+    nx: float,
+    ny: float,
+    nz: float,
+    vx: float,
+    vy: float,
+    vz: float,
+    px: float,
+    py: float,
+    pz: float,
+):
+    """Semi-implicit Euler; the air is integrated exactly over the substep: the velocity against it decays.
+
+    Drag comes before gravity, or it would take away from the weight of cloth at rest.
+    """
+    rx = vx * keep - wind_x
+    ry = vy * keep
+    rz = vz * keep - wind_z
+    face = (across - along) * (rx * nx + ry * ny + rz * nz)
+    m = Motion()
+    m.vx = wind_x + along * rx + face * nx
+    m.vy = along * ry + face * ny - gravity
+    m.vz = wind_z + along * rz + face * nz
+    m.px = px + m.vx * dt
+    m.py = py + m.vy * dt
+    m.pz = pz + m.vz * dt
+    return m
+
+
 @wp.kernel
 def predict(
     inverse_mass: wp.array(dtype=float),
@@ -32,13 +81,10 @@ def predict(
     x_prev: wp.array(dtype=Any),
     x_pred: wp.array(dtype=Any),
 ):
-    """Semi-implicit Euler; the air is integrated exactly over the substep: the velocity against it decays.
-
-    Drag comes before gravity, or it would take away from the weight of cloth at rest.
-    """
+    """Let the free vertices go on in the air, under gravity."""
     i = wp.tid()
-    start = x[i]
-    x_prev[i] = start
+    p = x[i]
+    x_prev[i] = p
     if inverse_mass[i] > 0.0:
         dt = parameters[DT]
         keep = parameters[KEEP]
@@ -47,28 +93,39 @@ def predict(
         wind_x = parameters[WIND_X]
         wind_z = parameters[WIND_Z]
         gravity = parameters[GRAVITY_STEP]
-        normal = normals[i]
-        velocity = v[i]
+        n = normals[i]
+        u = v[i]
         lanes = len(dt)
         for k in range(lanes):
             y = lanes + k
             z = 2 * lanes + k
-            rx = velocity[k] * keep[k] - wind_x[k]
-            ry = velocity[y] * keep[k]
-            rz = velocity[z] * keep[k] - wind_z[k]
-            face = (across[k] - along[k]) * (rx * normal[k] + ry * normal[y] + rz * normal[z])
-            vx = wind_x[k] + along[k] * rx + face * normal[k]
-            vy = along[k] * ry + face * normal[y] - gravity[k]
-            vz = wind_z[k] + along[k] * rz + face * normal[z]
-            velocity[k] = vx
-            velocity[y] = vy
-            velocity[z] = vz
-            start[k] = start[k] + vx * dt[k]
-            start[y] = start[y] + vy * dt[k]
-            start[z] = start[z] + vz * dt[k]
-        v[i] = velocity
-        x[i] = start
-        x_pred[i] = start
+            m = blown(
+                dt[k],
+                keep[k],
+                across[k],
+                along[k],
+                wind_x[k],
+                wind_z[k],
+                gravity[k],
+                n[k],
+                n[y],
+                n[z],
+                u[k],
+                u[y],
+                u[z],
+                p[k],
+                p[y],
+                p[z],
+            )
+            u[k] = m.vx
+            u[y] = m.vy
+            u[z] = m.vz
+            p[k] = m.px
+            p[y] = m.py
+            p[z] = m.pz
+        v[i] = u
+        x[i] = p
+        x_pred[i] = p
 
 
 @wp.kernel
@@ -92,6 +149,13 @@ def move_pins(
         position[lanes + k] = target[1]
         position[2 * lanes + k] = target[2]
     x[pinned[p]] = position
+
+
+@wp.func
+def capped(max_speed: float, vx: float, vy: float, vz: float):
+    """Factor that keeps a velocity to a speed, 1 [both m/s]."""
+    speed = wp.sqrt(vx * vx + vy * vy + vz * vz)
+    return wp.where(speed > max_speed, max_speed / speed, 1.0)
 
 
 @wp.kernel
@@ -121,8 +185,7 @@ def update_velocity(
         vx = velocity[k] * free + (position[k] - before[k]) * over_dt[k]
         vy = velocity[y] * free + (position[y] - before[y]) * over_dt[k]
         vz = velocity[z] * free + (position[z] - before[z]) * over_dt[k]
-        speed = wp.sqrt(vx * vx + vy * vy + vz * vz)
-        factor = wp.where(speed > max_speed[k], max_speed[k] / speed, 1.0)
+        factor = capped(max_speed[k], vx, vy, vz)
         velocity[k] = vx * factor
         velocity[y] = vy * factor
         velocity[z] = vz * factor
