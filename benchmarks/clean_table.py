@@ -15,6 +15,8 @@ FIGURES: dict[str, str] = {
     "pinched_vertices": "vertices inside where the body is closed to cloth",
     "pinched_triangles": "triangles there",
     "pinched_deepest_mm": "deepest point of them [mm]",
+    "hand_vertices": "vertices inside the hands, which are left out of contact",
+    "hand_triangles": "triangles that cross the hands or lie inside them",
     "self_pairs": "pairs of triangles of the garment that cross",
     "pinched_self_pairs": "those of them where the body is closed to cloth",
     "p99_strain": "99th percentile of the edges' strain",
@@ -73,6 +75,7 @@ _HEAD = (
     ("", ("label", "frames")),
     ("inside the body", ("V worst", "V mean", "T worst", "T mean", "mm")),
     ("pinched", ("V worst", "V mean", "T worst", "T mean", "mm")),
+    ("hands", ("V worst", "T worst", "T mean")),
     ("self crossings", ("worst", "mean", "last", "pinched")),
     ("strain %", ("p99", "max")),
     ("", ("clean %",)),
@@ -121,6 +124,7 @@ def _row(label: str, reports: Iterable[ClipReport]) -> list[str]:
     for kind in ("", "pinched_"):
         cells += [top(kind + "vertices"), mean(kind + "vertices"), top(kind + "triangles"), mean(kind + "triangles")]
         cells.append(top(kind + "deepest_mm", digits=1))
+    cells += [top("hand_vertices"), top("hand_triangles"), mean("hand_triangles")]
     last = max(report.frames["self_pairs"][-1] for report in done)
     cells += [top("self_pairs"), mean("self_pairs"), str(last), top("pinched_self_pairs")]
     # The mean over frames of their 99th percentiles is near that of all edges and frames, and needs no positions.

@@ -5,8 +5,9 @@
 Clips: ``default`` and ``all`` (generated labels), ``mocap`` (every recording of ``--mocap``), a label (``walk``), a
 variant of it (``walk_003``), or ``mocap:`` with a label, recording or clip of that folder. What counts as a crossing
 stands in ``sim.crossings``, what counts as pinched in ``sim.buried``. Counts and depths without the word *pinched* are
-faults: cloth in the body where the body leaves room for it. Garments worn over each other are surveyed as one, with
-``--vertices`` each and their crossings with each other among their own:
+faults: cloth in the body where the body leaves room for it. Hands are left out of contact on purpose
+(``sim.body_parts.handless``): what is inside them is counted apart. Garments worn over each other are surveyed as one,
+with ``--vertices`` each and their crossings with each other among their own:
 
     python -m benchmarks.cleanliness --configs configs/default.yaml configs/outfit.yaml --garments dressed
 """
@@ -51,11 +52,12 @@ class Subject:
     check: object = field(init=False)
 
     def __post_init__(self) -> None:
+        from sim.body_parts import handless
         from sim.crossings import CrossingChecker
 
-        self.check = CrossingChecker(
-            self.simulator.template.faces, self.simulator.body.faces, self.simulator.settings.device
-        ).check
+        body, device = self.simulator.body, self.simulator.settings.device
+        hands = ~handless(body.faces, body.skin_index, body.skin_weight)
+        self.check = CrossingChecker(self.simulator.template.faces, body.faces, device, hands).check
 
 
 def make_subjects(
@@ -176,6 +178,8 @@ def survey_clip(subject: Subject, clip: Clip, lead_in: int, posed: np.ndarray, c
             pinched_vertices=found.pinched_vertices,
             pinched_triangles=found.pinched_triangles,
             pinched_deepest_mm=1e3 * found.deepest_pinched_m,
+            hand_vertices=found.aside_vertices,
+            hand_triangles=found.aside_triangles,
             self_pairs=found.self_pairs,
             pinched_self_pairs=found.pinched_self_pairs,
             p99_strain=float(np.quantile(strain[frame], 0.99)),
@@ -188,7 +192,7 @@ def survey_clip(subject: Subject, clip: Clip, lead_in: int, posed: np.ndarray, c
 
 def _place(found: Crossings, body: Body) -> str:
     """The joint that carries the body where the deepest fault is, empty without any."""
-    depth = np.where(found.triangle_inside & ~found.triangle_pinched, found.triangle_depth, -1.0)
+    depth = np.where(found.triangle_fault, found.triangle_depth, -1.0)
     worst = int(np.argmax(depth))
     if depth[worst] < 0.0:
         return ""

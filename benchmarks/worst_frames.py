@@ -1,4 +1,4 @@
-"""Pictures of the frames where simulated cloth is worst: faults red, pinched cloth orange, self crossings blue."""
+"""Pictures of the worst frames of simulated cloth: faults red, pinched or in a hand orange, self crossings blue."""
 
 from __future__ import annotations
 
@@ -69,11 +69,11 @@ class Album:
         found = subject.check(cloth, body, closure)
         colours = np.tile(np.array(CLOTH, dtype=np.uint8), (len(faces), 1))
         colours[found.self_count > 0] = SELF
-        colours[found.triangle_inside & found.triangle_pinched] = PINCHED
-        colours[found.triangle_inside & ~found.triangle_pinched] = FAULT
+        colours[found.triangle_inside] = PINCHED
+        colours[found.triangle_fault] = FAULT
         centres = cloth[faces].mean(axis=1)
         if kind == "deep":
-            worst = int(np.argmax(np.where(found.triangle_pinched, 0.0, found.triangle_depth)))
+            worst = int(np.argmax(np.where(found.triangle_fault, found.triangle_depth, 0.0)))
             corners = body[self.body_faces[found.triangle_face[worst]]]
             outward = np.cross(corners[1] - corners[0], corners[2] - corners[0])
         else:

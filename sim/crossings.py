@@ -35,6 +35,8 @@ class Crossings:
             centroid and the points nearest to body vertices that poke through.
         triangle_pinched: Triangles that cross anything, or are inside, where the body is closed to cloth, shape [F].
         triangle_face: Body face nearest to the deepest point of each triangle, -1 for those outside, shape [F].
+        vertex_aside: Vertices inside whose nearest body face is set aside, shape [V].
+        triangle_aside: Triangles that cross faces set aside and no others, or lie inside next to one, shape [F].
     """
 
     self_pairs: int
@@ -46,6 +48,18 @@ class Crossings:
     triangle_depth: np.ndarray
     triangle_pinched: np.ndarray
     triangle_face: np.ndarray
+    vertex_aside: np.ndarray
+    triangle_aside: np.ndarray
+
+    @property
+    def vertex_fault(self) -> np.ndarray:
+        """Vertices inside the body that are neither pinched nor at a face set aside, shape [V]."""
+        return (self.vertex_depth > 0.0) & ~self.vertex_pinched & ~self.vertex_aside
+
+    @property
+    def triangle_fault(self) -> np.ndarray:
+        """Triangles inside the body that are neither pinched nor at a face set aside, shape [F]."""
+        return self.triangle_inside & ~self.triangle_pinched & ~self.triangle_aside
 
     @property
     def triangle_inside(self) -> np.ndarray:
@@ -54,43 +68,53 @@ class Crossings:
 
     @property
     def body_pairs(self) -> int:
-        """Pairs of a garment and a body triangle that cross, without the pinched ones."""
-        return int(self.body_count[~self.triangle_pinched].sum())
+        """Pairs of a garment and a body triangle that cross, of faults alone."""
+        return int(self.body_count[self.triangle_fault].sum())
 
     @property
     def pinched_body_pairs(self) -> int:
         """Pairs of a pinched garment triangle and a body triangle that cross."""
-        return int(self.body_count[self.triangle_pinched].sum())
+        return int(self.body_count[self.triangle_pinched & ~self.triangle_aside].sum())
 
     @property
     def vertices_inside(self) -> int:
-        """Vertices inside the body: faults, without the pinched ones."""
-        return int(((self.vertex_depth > 0.0) & ~self.vertex_pinched).sum())
+        """Vertices inside the body that are faults."""
+        return int(self.vertex_fault.sum())
 
     @property
     def pinched_vertices(self) -> int:
         """Vertices inside the body where it is closed to cloth."""
-        return int(((self.vertex_depth > 0.0) & self.vertex_pinched).sum())
+        return int(((self.vertex_depth > 0.0) & self.vertex_pinched & ~self.vertex_aside).sum())
+
+    @property
+    def aside_vertices(self) -> int:
+        """Vertices inside the body at faces set aside, pinched or not."""
+        return int(self.vertex_aside.sum())
 
     @property
     def triangles_inside(self) -> int:
-        """Triangles that cross the body or lie inside it: faults, without the pinched ones."""
-        return int((self.triangle_inside & ~self.triangle_pinched).sum())
+        """Triangles that cross the body or lie inside it and are faults."""
+        return int(self.triangle_fault.sum())
 
     @property
     def pinched_triangles(self) -> int:
         """Triangles that cross the body or lie inside it where it is closed to cloth."""
-        return int((self.triangle_inside & self.triangle_pinched).sum())
+        return int((self.triangle_inside & self.triangle_pinched & ~self.triangle_aside).sum())
+
+    @property
+    def aside_triangles(self) -> int:
+        """Triangles that cross the body or lie inside it at faces set aside, pinched or not."""
+        return int(self.triangle_aside.sum())
 
     @property
     def deepest_m(self) -> float:
-        """Depth of the deepest point that is not pinched [m]."""
-        return float(np.max(self.triangle_depth, where=~self.triangle_pinched, initial=0.0))
+        """Depth of the deepest point of the faults [m]."""
+        return float(np.max(self.triangle_depth, where=self.triangle_fault, initial=0.0))
 
     @property
     def deepest_pinched_m(self) -> float:
         """Depth of the deepest pinched point [m]."""
-        return float(np.max(self.triangle_depth, where=self.triangle_pinched, initial=0.0))
+        return float(np.max(self.triangle_depth, where=self.triangle_pinched & ~self.triangle_aside, initial=0.0))
 
 
 class CrossingChecker:
@@ -99,13 +123,21 @@ class CrossingChecker:
     Several garments are checked together as one mesh: their crossings with each other are self crossings then.
     """
 
-    def __init__(self, garment_faces: np.ndarray, body_faces: np.ndarray, device: str = "auto"):
+    def __init__(
+        self,
+        garment_faces: np.ndarray,
+        body_faces: np.ndarray,
+        device: str = "auto",
+        aside: np.ndarray | None = None,
+    ):
         """Take the triangles of both.
 
         Args:
             garment_faces: Triangles of the garment, shape [F, 3].
             body_faces: Outward oriented triangles of a closed surface, shape [G, 3].
             device: ``auto``, ``cpu`` or ``cuda``.
+            aside: Body faces that cloth is not meant to keep off, such as those of the hands, shape [G]: what is inside
+                there is counted apart, and is no fault. None for no such faces.
 
         Raises:
             ValueError: Wrong shapes, or the body is not closed.
@@ -113,6 +145,13 @@ class CrossingChecker:
         self.device = resolve_device(device)
         self._garment = SurfaceTree(checked_faces(garment_faces, "garment faces"), self.device)
         self._body = SurfaceTree(checked_closed(body_faces), self.device)
+        count = self._body.face_count
+        self._aside = np.zeros(count, dtype=bool) if aside is None else np.asarray(aside)
+        if self._aside.shape != (count,) or self._aside.dtype != bool:
+            raise ValueError(
+                f"aside: expected bool of shape [{count}], got {self._aside.dtype} {list(self._aside.shape)}"
+            )
+        self._device_aside = wp.array(self._aside, dtype=wp.bool, device=self.device)
 
     def check(
         self, garment_positions: np.ndarray, body_positions: np.ndarray, closure: Closure | None = None
@@ -141,29 +180,39 @@ class CrossingChecker:
         tree.mesh, tree.points, tree.indices = body.mesh.id, body.points, body.indices
 
         vertices, faces = garment.vertex_count, garment.face_count
-        self_count, body_count, face, total = (wp.zeros(n, dtype=int, device=device) for n in (faces, faces, faces, 1))
+        self_count, body_count, aside_count, face = (wp.zeros(faces, dtype=int, device=device) for _ in range(4))
+        vertex_face, total = (wp.zeros(n, dtype=int, device=device) for n in (vertices, 1))
         vertex_depth, depth = (wp.zeros(n, dtype=float, device=device) for n in (vertices, faces))
         vertex_pinched, pinched = (wp.zeros(n, dtype=wp.bool, device=device) for n in (vertices, faces))
 
         surface = [garment.mesh.id, garment.points, garment.indices]
         wp.launch(kernels.cross_self, faces, surface, [self_count], device=device)
-        wp.launch(kernels.cross_body, faces, [*surface[1:], tree], [body_count], device=device)
+        inputs = [*surface[1:], tree, self._device_aside]
+        wp.launch(kernels.cross_body, faces, inputs, [body_count, aside_count], device=device)
         inputs = [garment.points, tree, closed, PINCH_REACH]
-        wp.launch(kernels.measure_vertices, vertices, inputs, [vertex_depth, vertex_pinched], device=device)
+        outputs = [vertex_depth, vertex_face, vertex_pinched]
+        wp.launch(kernels.measure_vertices, vertices, inputs, outputs, device=device)
         inputs = [*surface[1:], tree, closed, PINCH_REACH, body_count, self_count, vertex_depth, vertex_pinched]
         wp.launch(kernels.measure_triangles, faces, inputs, [depth, face, pinched], device=device)
         inputs = [*surface, self_count, pinched]
         wp.launch(kernels.count_pinched_pairs, faces, inputs, [total], device=device)
 
-        counted = self_count.numpy().copy()
+        counted, crossed, nearest = self_count.numpy().copy(), body_count.numpy().copy(), face.numpy().copy()
+        near_aside = np.where(crossed > 0, aside_count.numpy() == crossed, self._at(nearest))
         return Crossings(
             self_pairs=int(counted.sum()) // 2,
             pinched_self_pairs=int(total.numpy()[0]),
             self_count=counted,
-            body_count=body_count.numpy().copy(),
+            body_count=crossed,
             vertex_depth=vertex_depth.numpy().copy(),
             vertex_pinched=vertex_pinched.numpy().astype(bool),
             triangle_depth=depth.numpy().copy(),
             triangle_pinched=pinched.numpy().astype(bool),
-            triangle_face=face.numpy().copy(),
+            triangle_face=nearest,
+            vertex_aside=self._at(vertex_face.numpy()),
+            triangle_aside=near_aside,
         )
+
+    def _at(self, face: np.ndarray) -> np.ndarray:
+        """Whether these body faces, -1 for none, are set aside."""
+        return (face >= 0) & self._aside[face]

@@ -30,6 +30,7 @@ def _report(clip: str, label: str, triangles: list[int], self_pairs: list[int], 
     report = ClipReport("skirt", 300, clip, label)
     for inside, crossing in zip(triangles, self_pairs):
         figures = dict.fromkeys(FIGURES, 0) | {"triangles": inside, "self_pairs": crossing, "p99_strain": 0.02}
+        figures |= {"hand_vertices": 2 * inside, "hand_triangles": 3 * inside}
         report.add(**figures | {"deepest_mm": depth * (inside > 0), "place": "left_knee" if inside else ""})
     return report
 
@@ -44,6 +45,7 @@ def test_table_of_known_figures():
     rows = {cells[0]: cells for line in text.splitlines() if (cells := line.replace("|", " ").split())}
     # label, frames, then V worst, V mean, T worst, T mean, mm of faults
     assert rows["kick"][1:7] == ["4", "0", "0.00", "7", "2.25", "4.5"]
+    assert rows["kick"][-10:-7] == ["14", "21", "6.75"]  # in hands, which make no frame dirty by themselves
     assert rows["kick"][-7:] == ["5", "2.00", "3", "0", "2.0", "0.0", "25"]
     assert rows["walk"][-1] == "100" and rows["all"][1] == "8" and rows["run"][1] == "failed"
     assert "kick_000 frame 1: 0 vertices and 7 triangles inside, 4.5 mm deep at the left knee; 5 self" in text

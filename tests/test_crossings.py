@@ -168,6 +168,33 @@ def test_only_what_is_near_closed_faces_is_pinched():
     assert found.deepest_pinched_m == pytest.approx(0.03, abs=1e-4)
 
 
+def test_what_is_inside_at_faces_set_aside_is_no_fault():
+    points, faces = _sheet(64, 64, 1.2, 1.2)
+    points = points[:, [0, 2, 1]] + [0.003, 0.47, 0.001]
+    side = (CUBE_VERTICES[CUBE_FACES][:, :, 0] > 0.0).all(axis=1)
+    everywhere = Closure(np.ones(len(CUBE_FACES), dtype=np.int32), np.zeros(len(CUBE_FACES), dtype=bool))
+    checker = CrossingChecker(faces, CUBE_FACES, "cpu", aside=side)
+    found, plain = (
+        checker.check(points, CUBE_VERTICES),
+        CrossingChecker(faces, CUBE_FACES, "cpu").check(points, CUBE_VERTICES),
+    )
+    inside = (np.abs(points[:, [0, 2]]) < 0.5).all(axis=1)
+    at_side = inside & (points[:, 0] > 0.0) & ((0.5 - np.abs(points)).argmin(axis=1) == 0)
+    np.testing.assert_array_equal(found.vertex_aside, at_side)
+    assert found.aside_vertices == at_side.sum() and found.vertices_inside == (inside & ~at_side).sum()
+    # Triangles through that side alone are aside; those through the rim that it shares with another are not.
+    x, z = points[faces][:, :, 0], points[faces][:, :, 2]
+    across = (x.min(axis=1) < 0.5) & (x.max(axis=1) > 0.5)
+    assert found.triangle_aside[across & (np.abs(z) < 0.5).all(axis=1)].all()
+    other = (np.abs(z).min(axis=1) < 0.5) & (np.abs(z).max(axis=1) > 0.5) & (np.abs(x) < 0.5).all(axis=1)
+    assert other.sum() > 50 and not found.triangle_aside[other].any()
+    assert found.triangles_inside + found.aside_triangles == plain.triangles_inside
+    assert found.body_pairs < plain.body_pairs and plain.aside_triangles == plain.aside_vertices == 0
+    closed = checker.check(points, CUBE_VERTICES, everywhere)  # what is aside does not count as pinched either
+    assert closed.aside_triangles == found.aside_triangles and closed.pinched_triangles == found.triangles_inside
+    assert closed.aside_vertices == found.aside_vertices and closed.pinched_vertices == found.vertices_inside
+
+
 def test_self_crossings_in_a_pinch_are_told_apart():
     points, faces, _ = _two_sheets()
     checker = CrossingChecker(faces, CUBE_FACES, "cpu")
@@ -194,6 +221,8 @@ def test_bad_input_is_named():
         CrossingChecker(CUBE_FACES, CUBE_FACES[1:], "cpu")
     with pytest.raises(ValueError, match="oriented alike"):
         CrossingChecker(CUBE_FACES, np.concatenate([CUBE_FACES[1:], CUBE_FACES[:1, ::-1]]), "cpu")
+    with pytest.raises(ValueError, match="aside: expected bool of shape"):
+        CrossingChecker(CUBE_FACES, CUBE_FACES, "cpu", aside=np.zeros(5, dtype=bool))
     with pytest.raises(ValueError, match="garment faces"):
         CrossingChecker(CUBE_FACES.astype(float), CUBE_FACES, "cpu")
     checker = CrossingChecker(CUBE_FACES, CUBE_FACES, "cpu")

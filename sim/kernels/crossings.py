@@ -157,18 +157,26 @@ def count_pinched_pairs(
 
 @wp.kernel
 def cross_body(
-    points: wp.array(dtype=wp.vec3), indices: wp.array(dtype=int), body: BodyTree, pairs: wp.array(dtype=int)
+    points: wp.array(dtype=wp.vec3),
+    indices: wp.array(dtype=int),
+    body: BodyTree,
+    aside: wp.array(dtype=wp.bool),
+    pairs: wp.array(dtype=int),
+    aside_pairs: wp.array(dtype=int),
 ):
-    """Number of body triangles that each garment triangle crosses, ``pairs`` [F]."""
+    """Number of body triangles that each garment triangle crosses, ``pairs`` [F], and how many of them are aside."""
     i = wp.tid()
     a = corners_of(points, indices, i)
     query = wp.mesh_query_aabb(body.mesh, a.low, a.high)
     j = wp.int32(0)
     count = wp.int32(0)
+    set_aside = wp.int32(0)
     while wp.mesh_query_next(query, j):
         if triangles_cross(a, corners_of(body.points, body.indices, j)):
             count += 1
+            set_aside += wp.where(aside[j], 1, 0)
     pairs[i] = count
+    aside_pairs[i] = set_aside
 
 
 @wp.func
@@ -197,18 +205,21 @@ def measure_vertices(
     closing: wp.array(dtype=wp.bool),
     reach: float,
     depth: wp.array(dtype=float),
+    face: wp.array(dtype=int),
     pinched: wp.array(dtype=wp.bool),
 ):
-    """Depth of each garment vertex inside the body [m], 0 outside, and whether the body closes on it there."""
+    """Depth of each vertex inside the body [m], 0 outside, the nearest body face, whether the body closes on it."""
     i = wp.tid()
     p = points[i]
     depth[i] = 0.0
+    face[i] = -1
     pinched[i] = False
     if winding_at(body, p) > 0:
         near = wp.mesh_query_point_no_sign(body.mesh, p, _FAR)
         surface = wp.mesh_eval_position(body.mesh, near.face, near.u, near.v)
         margin = wp.vec3(reach, reach, reach)
         depth[i] = wp.length(p - surface)
+        face[i] = near.face
         pinched[i] = _flagged_near(body, closing, surface - margin, surface + margin)
 
 
