@@ -1,14 +1,15 @@
-"""Tables of the motion generator: reconstruction of unseen motions, and generation (Shi 2023, Tables 3, 4 and 5).
+"""Tables of the motion generators: reconstruction of unseen motions, and generation (Shi 2023, Tables 3, 4, 5 and 8).
 
-In: the generator, a recognition network trained on the training split, and the poses of both splits. Out: rows of
-tables. Poses are compared with the root at rest, since the generator makes poses alone.
+In: the generators by name, a recognition network trained on the training split, and the poses of both splits. Out: rows
+of tables. Poses are compared with the root at rest, since the generators make poses alone.
 
 N motions, T frames.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import cycle
 
@@ -23,18 +24,21 @@ from evaluation.motion_metrics import (
     discontinuous_share,
     diversity,
     frechet_distance,
+    label_spread,
     multimodality,
 )
 from evaluation.sted import Sted, StedParameters
 from evaluation.table import Row
 from geometry.rotations import matrix_from_6d, matrix_to_6d, matrix_to_axis_angle
 from geometry.topology import MeshTopology
-from models.motion_cvae import MotionCVAE
+from models.motion_generator import MotionGenerator
 from models.recognition import RecognitionNetwork
 
 HAUSDORFF_STRIDE = 10
+MESH_MOTIONS = 34
 REPETITIONS = 20
-ROUNDS = 4
+LEAST_MOTIONS = 128
+Generators = Mapping[str, MotionGenerator]
 
 
 @dataclass(frozen=True)
@@ -60,55 +64,65 @@ class MotionSet:
 
 
 def reconstruction_rows(
-    model: MotionCVAE, train: MotionSet, test: MotionSet, body: Body, sted: StedParameters | None = None
+    models: Generators, train: MotionSet, test: MotionSet, body: Body, sted: StedParameters | None = None
 ) -> list[Row]:
-    """Errors of reconstructed unseen motions (Table 3), a row a method; means over the sequences of the test split.
+    """Errors of reconstructed unseen motions (Tables 3 and 8), a row a method; means over the test split's sequences.
 
-    The generator is held against two ways that learn nothing: the mean pose of the label's training motions, standing
-    still, and the label's training motion that comes nearest to the one to be reconstructed.
+    The generators are held against two ways that learn nothing: the mean pose of the label's training motions, standing
+    still, and the label's training motion that comes nearest to the one to be reconstructed. Hausdorff distance and
+    STED, which are costly, are taken on at most ``MESH_MOTIONS`` motions, evenly chosen.
     """
     methods: dict[str, Callable[[], np.ndarray]] = {
-        "motion CVAE": lambda: model.reconstruct(test.pose6d, test.labels),
-        "mean pose of the label": lambda: _mean_poses(train, test),
-        "nearest training motion of the label": lambda: _nearest_motions(train, test),
+        name: lambda model=model: model.reconstruct(test.pose6d, test.labels) for name, model in models.items()
     }
+    methods["mean pose of the label"] = lambda: mean_poses(train, test)
+    methods["nearest training motion of the label"] = lambda: _nearest_motions(train, test)
     compare = Sted(MeshTopology.from_faces(body.faces, len(body.vertices)), sted)
     predicted = {name: method() for name, method in methods.items()}
+    count = len(test.pose6d)
+    on_meshes = set(np.unique(np.linspace(0, count - 1, min(MESH_MOTIONS, count)).round().astype(int)).tolist())
     figures: dict[str, list[tuple[float, ...]]] = {name: [] for name in methods}
-    for n in range(len(test.pose6d)):
-        truth = _vertices(test.pose6d[n], body)
+    meshes: dict[str, list[tuple[float, ...]]] = {name: [] for name in methods}
+    for n in range(count):
+        truth, joints = _vertices(test.pose6d[n], body), joint_tracks(test.pose6d[n : n + 1], body)
         for name, poses in predicted.items():
             vertices = _vertices(poses[n], body)
             figures[name].append(
                 (
                     float(np.sqrt(np.mean(np.square(poses[n] - test.pose6d[n])))),
+                    float(np.linalg.norm(joint_tracks(poses[n : n + 1], body) - joints, axis=-1).mean()),
                     rmse(vertices, truth),
-                    hausdorff(vertices, truth, HAUSDORFF_STRIDE),
-                    compare.compare(vertices, truth).sted,
                 )
             )
+            if n in on_meshes:
+                edges = compare.compare(vertices, truth).sted
+                meshes[name].append((hausdorff(vertices, truth, HAUSDORFF_STRIDE), edges))
     rows: list[Row] = []
-    for name, values in figures.items():
-        pose, vertex, distance, edges = np.mean(values, axis=0).tolist()
+    for name in methods:
+        pose, joint, vertex = np.mean(figures[name], axis=0).tolist()
+        distance, edges = np.mean(meshes[name], axis=0).tolist()
         rows.append(
             {
                 "method": name,
                 "pose_rmse": pose,
+                "joint_error_m": joint,
                 "vertex_rmse_m": vertex,
                 "hausdorff_m": distance,
                 "sted": edges,
+                "motions": count,
+                "mesh_motions": len(on_meshes),
                 "sted_parameters": compare.parameters.label,
                 "hausdorff_every_frames": HAUSDORFF_STRIDE,
                 "body": body.name,
                 "split": "unseen motions",
-                "motions": len(test.pose6d),
+                "training_motions": len(train.labels),
             }
         )
     return rows
 
 
 def generation_rows(
-    model: MotionCVAE,
+    models: Generators,
     recognition: RecognitionNetwork,
     train: MotionSet,
     test: MotionSet,
@@ -119,16 +133,16 @@ def generation_rows(
     """Figures of generated motions beside real ones (Tables 4 and 5), with 95% intervals over repetitions.
 
     FID is taken against the *training* split, the larger one, and every row with as many motions as the test split has,
-    with its labels: FID grows as samples get fewer, so only equal numbers compare. The other figures of drawn and of
-    generated motions come from ``ROUNDS`` times as many, so that every label has pairs for its multimodality.
-    Rows: motions of the test split; motions drawn from the training split; the label's mean pose, standing still, as a
-    control that must fail; and the generator's.
+    with its labels: FID grows as samples get fewer, so only equal numbers compare. Where the test split has fewer than
+    ``LEAST_MOTIONS``, the other figures of drawn and of generated motions come from a multiple, so that every label has
+    pairs for its multimodality. Rows: motions of the test split; motions drawn from the training split; the label's
+    mean pose, standing still, as a control that must fail; and the generators'.
     """
     frames = train.pose6d.shape[1]
     real = recognition.describe(train.pose6d)[0]
-    real_joints = _joints(train.pose6d, body)
+    real_joints = joint_tracks(train.pose6d, body)
     known = {name: number for number, name in enumerate(recognition.config.labels)}
-    asked = test.labels * ROUNDS
+    asked = test.labels * math.ceil(LEAST_MOTIONS / len(test.labels))
 
     def drawn_from_train(repetition: int) -> np.ndarray:
         # In turn from a shuffled deck a label: a motion comes twice only when its label has no further one.
@@ -137,15 +151,13 @@ def generation_rows(
         decks = {label: cycle(generator.permutation(_members(labels, label))) for label in sorted(set(asked))}
         return train.pose6d[[next(decks[label]) for label in asked]]
 
-    def generated(repetition: int) -> np.ndarray:
-        return model.sample(asked, frames, torch.Generator().manual_seed(1000 * seed + repetition))
-
     sources: dict[str, tuple[Callable[[int], np.ndarray], int]] = {
         "real, unseen motions": (lambda _: test.pose6d, repetitions),
         "real, training motions": (drawn_from_train, repetitions),
-        "mean pose of the label": (lambda _: _mean_poses(train, test), 1),
-        "motion CVAE": (generated, repetitions),
+        "mean pose of the label": (lambda _: mean_poses(train, test), 1),
     }
+    for name, model in models.items():
+        sources[name] = (lambda r, model=model: model.sample(asked, frames, sampling(seed, r)), repetitions)
     own_classes = np.array([known[label] for label in test.labels])
     rows: list[Row] = []
     for name, (source, count) in sources.items():
@@ -154,13 +166,15 @@ def generation_rows(
             poses = source(repetition)
             features, predicted = recognition.describe(poses)
             classes = np.tile(own_classes, len(poses) // len(own_classes))
+            joints = joint_tracks(poses, body)
             generator = np.random.default_rng([seed, repetition, 1])
             found = {
                 "fid": frechet_distance(features[: len(own_classes)], real),
                 "accuracy_percent": 100.0 * accuracy(predicted, classes),
                 "diversity": diversity(features, generator),
                 "multimodality": multimodality(features, classes, generator) if _has_pairs(classes) else float("nan"),
-                "discontinuous_percent": 100.0 * discontinuous_share(_joints(poses, body), real_joints, train.fps),
+                "label_spread_m": label_spread(joints, classes),
+                "discontinuous_percent": 100.0 * discontinuous_share(joints, real_joints, train.fps),
             }
             for key, value in found.items():
                 figures.setdefault(key, []).append(value)
@@ -169,8 +183,22 @@ def generation_rows(
             repeated = Repeated.of(values)
             row[key] = repeated.mean if np.isfinite(repeated.mean) else None
             row[f"{key}_interval"] = repeated.interval if np.isfinite(repeated.interval) else None
-        rows.append({**row, "motions": len(poses), "repetitions": count, "fid_motions": len(own_classes)})
-    return rows
+        rows.append(
+            {
+                **row,
+                "motions": len(poses),
+                "repetitions": count,
+                "fid_motions": len(own_classes),
+                "judge_training_motions": len(train.labels),
+            }
+        )
+    judged = next(row["accuracy_percent"] for row in rows if row["source"] == "real, unseen motions")
+    return [{**row, "judge_accuracy_percent": judged} for row in rows]
+
+
+def sampling(seed: int, repetition: int) -> torch.Generator:
+    """Randomness of a repetition: every generator draws from the same state."""
+    return torch.Generator().manual_seed(1000 * seed + repetition)
 
 
 def _has_pairs(classes: np.ndarray) -> bool:
@@ -181,7 +209,7 @@ def _orthonormal(pose6d: np.ndarray) -> np.ndarray:
     return matrix_to_6d(matrix_from_6d(pose6d)).astype(np.float32)
 
 
-def _mean_poses(train: MotionSet, test: MotionSet) -> np.ndarray:
+def mean_poses(train: MotionSet, test: MotionSet) -> np.ndarray:
     """For each test motion the mean pose of the training motions of its label, held for all frames [N, T, 24, 6]."""
     labels = np.array(train.labels)
     means = {label: _orthonormal(train.pose6d[_members(labels, label)].mean((0, 1))) for label in set(test.labels)}
@@ -204,16 +232,17 @@ def _members(labels: np.ndarray, label: str) -> np.ndarray:
     return members
 
 
-def _axis_angle(pose6d: np.ndarray) -> np.ndarray:
+def axis_angle(pose6d: np.ndarray) -> np.ndarray:
+    """Axis-angle poses [..., 24, 3] [rad] of 6-D poses [..., 24, 6]."""
     return matrix_to_axis_angle(matrix_from_6d(pose6d))
 
 
 def _vertices(pose6d: np.ndarray, body: Body) -> np.ndarray:
     """Body vertices [T, B, 3] [m] of poses [T, 24, 6], root at rest."""
-    return body.posed(_axis_angle(pose6d), np.zeros((len(pose6d), 3)))
+    return body.posed(axis_angle(pose6d), np.zeros((len(pose6d), 3)))
 
 
-def _joints(pose6d: np.ndarray, body: Body) -> np.ndarray:
+def joint_tracks(pose6d: np.ndarray, body: Body) -> np.ndarray:
     """Joints [N, T, 24, 3] [m] of poses [N, T, 24, 6], root at rest."""
-    flat = _axis_angle(pose6d.reshape(-1, 24, 6))
+    flat = axis_angle(pose6d.reshape(-1, 24, 6))
     return body.joint_positions(flat, np.zeros((len(flat), 3))).reshape(*pose6d.shape[:2], 24, 3)

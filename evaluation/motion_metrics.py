@@ -87,6 +87,27 @@ def multimodality(
     return float(np.mean(distances))
 
 
+def label_spread(joints: np.ndarray, classes: np.ndarray) -> float:
+    """Mean joint distance [m] of two motions of the same class, over all such pairs: multimodality without a network.
+
+    The features of a network that tells the labels apart well hardly differ within a label; joint positions do.
+
+    Args:
+        joints: Joint positions [m], shape [N, T, J, 3].
+        classes: Class number of each motion, N.
+
+    Returns:
+        Mean over the classes with at least two motions; NaN without one.
+    """
+    spreads = []
+    for number in np.unique(classes):
+        members = joints[classes == number]
+        distances = [np.linalg.norm(members[n + 1 :] - one, axis=-1).mean(axis=(1, 2)) for n, one in enumerate(members)]
+        if len(members) > 1:
+            spreads.append(np.concatenate(distances).mean())
+    return float(np.mean(spreads)) if spreads else float("nan")
+
+
 def peak_accelerations(joints: np.ndarray, fps: float) -> np.ndarray:
     """Largest joint acceleration of each sequence [m/s^2], shape [N], of joints [N, T, J, 3] [m]; T at least 3."""
     return _accelerations(joints, fps).max(axis=(1, 2))

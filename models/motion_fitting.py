@@ -1,4 +1,4 @@
-"""Training, storing and loading of the motion generator and of the recognition network.
+"""Training, storing and loading of the motion generators and of the recognition network.
 
 In: 6-D poses and label names as plain arrays. Out: trained modules on the CPU in eval mode, with their logs.
 """
@@ -15,37 +15,58 @@ import torch
 from torch import Tensor, nn
 
 from body.model import Body
+from models.action2motion import Action2Motion, Action2MotionConfig
+from models.actor import Actor, ActorConfig
 from models.body_layer import BodyLayer
 from models.checkpoint import load_model, save_model
-from models.motion_cvae import MotionCVAE, MotionCVAEConfig, motion_cvae_loss
+from models.motion_cvae import MotionCVAE, MotionCVAEConfig
+from models.motion_generator import MotionGenerator
 from models.recognition import RecognitionConfig, RecognitionNetwork, recognition_loss
 from models.training import Progress, TrainingLog, TrainingSettings, array_digest, prepare, shuffled_batches, train
 
 CVAE_KIND = "motion_cvae"
 RECOGNITION_KIND = "recognition"
 
+GENERATORS: dict[str, tuple[type[MotionGenerator], type]] = {
+    "motion_cvae": (MotionCVAE, MotionCVAEConfig),
+    "actor": (Actor, ActorConfig),
+    "action2motion": (Action2Motion, Action2MotionConfig),
+}
+"""Kinds of motion generators: network and settings."""
+GeneratorConfig = MotionCVAEConfig | ActorConfig | Action2MotionConfig
+
 PAPER_CVAE_TRAINING = TrainingSettings(epochs=5000, learning_rate=1e-4, schedule="plateau")
 PAPER_CVAE_BATCH = 20
+
+
+def generator_kind(variant: str) -> str:
+    """Kind of the generator that a variant of the configuration trains: a baseline by its name, else ours."""
+    return variant if variant in GENERATORS else "motion_cvae"
+
+
+def build_generator(config: GeneratorConfig) -> MotionGenerator:
+    """An untrained generator of these settings."""
+    return next(network(config) for network, settings in GENERATORS.values() if type(config) is settings)
 
 
 def fit_motion_cvae(
     pose6d: np.ndarray,
     labels: Sequence[str],
     body: Body,
-    config: MotionCVAEConfig,
+    config: GeneratorConfig,
     settings: TrainingSettings,
     batch: int,
     work_dir: Path | str,
     validation: tuple[np.ndarray, Sequence[str]] | None = None,
     progress: Progress | None = None,
-) -> tuple[MotionCVAE, TrainingLog]:
-    """Train the motion generator (published: ``PAPER_CVAE_TRAINING``, batches of ``PAPER_CVAE_BATCH``).
+) -> tuple[MotionGenerator, TrainingLog]:
+    """Train a motion generator (published: ``PAPER_CVAE_TRAINING``, batches of ``PAPER_CVAE_BATCH``).
 
     Args:
         pose6d: Training poses, shape [N, T, 24, 6].
         labels: Label name of each, N.
         body: Body of the vertex loss.
-        config: Sizes; its labels must cover ``labels``.
+        config: Settings, whose kind chooses the network; its labels must cover ``labels``.
         settings, batch: Of the training loop.
         work_dir: Folder of this run alone; a killed run continues there.
         validation: Held-out poses and labels; their loss is logged and steers a plateau schedule.
@@ -55,11 +76,11 @@ def fit_motion_cvae(
         ValueError: Wrong shapes, no clips, or a label that the config does not name.
     """
     prepare(settings)
-    model = MotionCVAE(config)
+    model = build_generator(config)
     layer = BodyLayer(body)
     return _fit(
         model,
-        lambda rows: motion_cvae_loss(model, layer, rows),
+        lambda rows: model.loss(layer, rows),
         pose6d,
         labels,
         settings,
@@ -98,7 +119,7 @@ def fit_recognition(
 
 
 def _fit(
-    model: MotionCVAE | RecognitionNetwork,
+    model: MotionGenerator | RecognitionNetwork,
     loss: Callable[[tuple[Tensor, Tensor]], dict[str, Tensor]],
     pose6d: np.ndarray,
     labels: Sequence[str],
@@ -158,15 +179,23 @@ def _tensors(pose6d: np.ndarray, labels: Sequence[str], known: Sequence[str]) ->
     return torch.as_tensor(poses), torch.tensor([number[name] for name in labels], dtype=torch.long)
 
 
-def save_motion_cvae(path: str | os.PathLike, model: MotionCVAE) -> None:
-    """Write a trained motion generator to one file."""
-    save_model(path, CVAE_KIND, asdict(model.config), model)
+def save_motion_cvae(path: str | os.PathLike, model: MotionGenerator) -> None:
+    """Write a trained motion generator of any kind to one file."""
+    kind = next(kind for kind, (network, _) in GENERATORS.items() if type(model) is network)
+    save_model(path, CVAE_KIND, {"kind": kind, **asdict(model.config)}, model)
 
 
-def load_motion_cvae(path: str | os.PathLike) -> MotionCVAE:
+def load_motion_cvae(path: str | os.PathLike) -> MotionGenerator:
     """Read what ``save_motion_cvae`` wrote; ``ValueError`` when the file is none."""
     stored = load_model(path, CVAE_KIND)
-    model = MotionCVAE(MotionCVAEConfig(**stored.config))
+    kind = stored.config.pop("kind", None)
+    if kind not in GENERATORS:
+        raise ValueError(f"{path}: unknown motion generator {kind!r}; known: {', '.join(GENERATORS)}")
+    network, settings = GENERATORS[kind]
+    try:
+        model = network(settings(**stored.config))
+    except TypeError as error:
+        raise ValueError(f"{path}: settings do not fit a generator of kind {kind}: {error}") from None
     stored.into(model)
     return model
 

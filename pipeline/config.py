@@ -292,10 +292,13 @@ def _check_models(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
                 f"found {settings['use']!r}",
                 f"allowed are the variants that are configured: {', '.join(settings['variants'])}",
             )
-    cvae = config["models"]["motion_cvae"]
-    if cvae["width"] % cvae["heads"]:
-        key, found = ("models", "motion_cvae", "heads"), f"found {cvae['heads']}"
-        raise _error(layers, key, found, f"allowed are divisors of width = {cvae['width']}")
+    for variant, cvae in config["models"]["motion_cvae"]["variants"].items():
+        if "heads" in cvae and cvae["width"] % cvae["heads"]:
+            key, found = ("models", "motion_cvae", "variants", variant, "heads"), f"found {cvae['heads']}"
+            raise _error(layers, key, found, f"allowed are divisors of width = {cvae['width']}")
+        if "heads" in cvae and cvae["width"] % 2:
+            key, found = ("models", "motion_cvae", "variants", variant, "width"), f"found {cvae['width']}"
+            raise _error(layers, key, found, "allowed are even numbers, for the codes of time")
 
 
 def _refuse_schema_error(error: ValidationError, layers: Sequence[Layer]) -> None:

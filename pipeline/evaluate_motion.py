@@ -1,34 +1,80 @@
-"""Stage ``evaluate_motion``: how well the motion CVAE reconstructs and invents (Shi 2023, Tables 3, 4 and 5).
+"""Stage ``evaluate_motion``: how well the motion generators reconstruct and invent (Shi 2023, Tables 3, 4, 5 and 8).
 
-In: the recognition network, the CVAE and all motion batches. Out: the tables ``motion_reconstruction`` and
-``motion_generation``.
+In: the recognition network, all variants of the motion CVAE with the baselines, the losses of these trainings, and all
+motion batches. Out: the tables ``motion_reconstruction``, ``motion_generation`` and ``motion_quality``.
 """
 
 from __future__ import annotations
 
-from evaluation.motion import MotionSet, generation_rows, reconstruction_rows
-from evaluation.table import write_table
+from pathlib import Path
+
+from evaluation.motion import MotionSet, generation_rows, reconstruction_rows, sampling
+from evaluation.motion_quality import quality_rows
+from evaluation.table import Row, read_table, write_table
 from models.motion_fitting import load_motion_cvae, load_recognition
-from pipeline.motion_data import labelled_poses
+from models.motion_generator import MotionGenerator
+from pipeline.motion_data import labelled_poses, split_clips
 from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage
+
+NAMES = {"actor": "ACTOR", "action2motion": "Action2Motion"}
 
 
 def main(job: Job) -> None:
     """Evaluate on the held-out clips."""
-    recognition_path, cvae_path, *motions = job.inputs
-    body, cvae, recognition = job_body(job), load_motion_cvae(cvae_path), load_recognition(recognition_path)
+    spec, count = job.spec, len(job.spec["motion_cvae"]["variants"])
+    recognition_path, *inputs = job.inputs
+    paths, (judge_losses, *losses), motions = inputs[:count], inputs[count : 2 * count + 1], inputs[2 * count + 1 :]
+    body, recognition = job_body(job), load_recognition(recognition_path)
+    models = {_name(path): load_motion_cvae(path) for path in paths}
+    budgets = {
+        _name(path): _budget(spec["motion_cvae"]["variants"][Path(path).stem], models[_name(path)], rows)
+        for path, rows in zip(paths, losses, strict=True)
+    }
     sets = {}
     for held_out in (False, True):
         poses, labels = labelled_poses(job, motions, held_out)
-        sets[held_out] = MotionSet(poses, tuple(labels), job.spec["fps"])
+        sets[held_out] = MotionSet(poses, tuple(labels), spec["fps"])
     train, test = sets[False], sets[True]
     print(f"[motion] {len(train.labels)} training and {len(test.labels)} held-out clips", flush=True)
-    write_table(job.outputs[0], reconstruction_rows(cvae, train, test, body))
-    rows = generation_rows(
-        cvae, recognition, train, test, body, job.spec["seed"], job.spec["evaluation"]["repetitions"]
-    )
-    write_table(job.outputs[1], rows)
+    rows = reconstruction_rows(models, train, test, body)
+    write_table(job.outputs[0], [row | budgets.get(row["method"], {}) for row in rows])
+    print("[motion] reconstruction done", flush=True)
+    rows = generation_rows(models, recognition, train, test, body, spec["seed"], spec["evaluation"]["repetitions"])
+    size, trained = recognition.config, spec["recognition"]["training"]["epochs"]
+    judge = {
+        "judge": f"GRU {size.layers} x {size.width}, {size.features} features, {trained} epochs",
+        "judge_training_s": _seconds(judge_losses),
+        "data": spec["source"],
+    }
+    write_table(job.outputs[1], [row | judge | budgets.get(row["source"], {}) for row in rows])
+    print("[motion] generation done", flush=True)
+    frames = train.pose6d.shape[1]
+    generated = {name: m.sample(test.labels, frames, sampling(spec["seed"], 0)) for name, m in models.items()}
+    write_table(job.outputs[2], quality_rows(split_clips(job, motions, held_out=True), generated, body))
+
+
+def _name(path: str) -> str:
+    variant = Path(path).stem
+    return NAMES.get(variant, f"motion CVAE, {variant}")
+
+
+def _budget(settings: dict, model: MotionGenerator, losses: str) -> Row:
+    """What a generator cost: the columns that make a comparison fair or not."""
+    training = settings["training"]
+    return {
+        "vertex_weight": settings.get("vertex_weight", 0.0),
+        "parameters": sum(p.numel() for p in model.parameters()),
+        "epochs": training["epochs"],
+        "batch": settings["batch"],
+        "training_s": _seconds(losses),
+        "training_seeds": 1,
+    }
+
+
+def _seconds(losses: str) -> float:
+    """Seconds that a training took, without its validations."""
+    return sum(float(row["seconds"]) for row in read_table(losses) if row["split"] == "train")
 
 
 if __name__ == "__main__":

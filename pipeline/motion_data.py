@@ -9,8 +9,8 @@ import torch
 
 from body.model import Body
 from geometry.rotations import axis_angle_to_6d, matrix_from_6d, matrix_to_axis_angle
-from models.motion_cvae import MotionCVAE
 from models.motion_features import MotionTrack
+from models.motion_generator import MotionGenerator
 from motions.clip import Clip
 from motions.clip_file import read_clips
 from motions.grounding import ground_motion
@@ -18,17 +18,23 @@ from motions.lead_in import lead_in
 from pipeline.stage import Job
 
 
-def labelled_poses(job: Job, paths: Iterable[str], held_out: bool) -> tuple[np.ndarray, list[str]]:
-    """Poses of the clips of one side of the split in the 6-D form, shape [N, T, 24, 6], and their labels."""
+def split_clips(job: Job, paths: Iterable[str], held_out: bool) -> list[Clip]:
+    """The clips of one side of the split; ``ValueError`` where there is none."""
     excluded = set(job.spec["held_out_clips"])
     clips = [clip for path in paths for clip in read_clips(path) if (clip.name in excluded) == held_out]
     if not clips:
         raise ValueError(f"motions: no clip is {'held out' if held_out else 'left to train on'}")
+    return clips
+
+
+def labelled_poses(job: Job, paths: Iterable[str], held_out: bool) -> tuple[np.ndarray, list[str]]:
+    """Poses of the clips of one side of the split in the 6-D form, shape [N, T, 24, 6], and their labels."""
+    clips = split_clips(job, paths, held_out)
     return np.stack([axis_angle_to_6d(c.pose) for c in clips]).astype(np.float32), [c.label for c in clips]
 
 
 def generated_tracks(
-    cvae: MotionCVAE,
+    cvae: MotionGenerator,
     labels: list[str],
     frames: int,
     fps: float,

@@ -47,6 +47,24 @@ def plan_clips(motions: Mapping[str, Any]) -> list[PlannedClip]:
     return planned[: motions["max_clips"]]
 
 
+def learning_clips(motions: Mapping[str, Any]) -> list[PlannedClip]:
+    """Clips of the motion models: those of the run, then ``unsimulated`` times as many that are never dressed.
+
+    A pose costs next to nothing and a simulation much, so the networks that see poses alone get more of them.
+    """
+    times = 1 + motions["unsimulated"]
+    procedural, bvh = motions["procedural"], motions["bvh"]
+    more = {
+        **motions,
+        "max_clips": motions["max_clips"] * times,
+        "procedural": {**procedural, "variants": procedural["variants"] * times},
+        "bvh": {**bvh, "clips_per_take": bvh["clips_per_take"] * times},
+    }
+    simulated = plan_clips(motions)
+    names = {clip.name for clip in simulated}
+    return simulated + [clip for clip in plan_clips(more) if clip.name not in names]
+
+
 def motion_labels(motions: Mapping[str, Any]) -> list[str]:
     """The labels of a run, sorted: their order is the networks' numbering."""
     return sorted({clip.label for clip in plan_clips(motions)})
@@ -109,14 +127,23 @@ def _interleaved_by_label(takes: list, least: int) -> list:
 
 
 def batch_count(motions: Mapping[str, Any]) -> int:
-    """Number of motion batch files."""
+    """Number of motion batch files that are simulated."""
     return -(-len(plan_clips(motions)) // motions["clips_per_batch"])
 
 
+def learning_batch_count(motions: Mapping[str, Any]) -> int:
+    """Number of all motion batch files; those that are not simulated come last."""
+    more = len(learning_clips(motions)) - len(plan_clips(motions))
+    return batch_count(motions) + -(-more // motions["clips_per_batch"])
+
+
 def batch_clips(motions: Mapping[str, Any], batch: int) -> list[PlannedClip]:
-    """The clips of one batch file."""
-    size = motions["clips_per_batch"]
-    return plan_clips(motions)[batch * size : (batch + 1) * size]
+    """The clips of one batch file, simulated or not."""
+    size, simulated = motions["clips_per_batch"], plan_clips(motions)
+    number = batch - batch_count(motions)
+    if number < 0:
+        return simulated[batch * size : (batch + 1) * size]
+    return learning_clips(motions)[len(simulated) :][number * size : (number + 1) * size]
 
 
 def shard_names(config: Mapping[str, Any]) -> list[str]:

@@ -12,7 +12,15 @@ from typing import Any
 
 from datasets.splits import SplitRule
 from pipeline.canonical import canonical
-from pipeline.plan import batch_clips, motion_labels, plan_clips, shard_plan, shard_simulations
+from pipeline.plan import (
+    PlannedClip,
+    batch_clips,
+    learning_clips,
+    motion_labels,
+    plan_clips,
+    shard_plan,
+    shard_simulations,
+)
 from sim.fabrics import base_values
 
 Config = Mapping[str, Any]
@@ -107,11 +115,13 @@ def ranges_spec(config: Config, garment: str) -> str:
 def train_spec(config: Config, model: str, garment: str = "", variant: str = "") -> str:
     """A trained variant of a garment's model, or a model of the motions where no garment is named."""
     settings = dict(config["models"][model])
-    spec = _learning(config)
+    spec = _learning(config) | {"model": settings["variants"][variant] if variant else settings}
+    if variant:
+        spec["variant"] = variant
     if garment:
-        spec |= {"garment": garment, "variant": variant, "model": settings["variants"][variant]}
+        spec["garment"] = garment
     else:
-        spec |= _labels(config) | {"model": settings}
+        spec |= _labels(config, learning_clips(config["motions"]))
     if model == "motion_invariant":
         spec["window"] = settings["window"]
     return canonical(spec)
@@ -128,7 +138,10 @@ def evaluate_spec(config: Config, garment: str = "", model: str = "") -> str:
     """An evaluation: the split, the settings of the metrics and the names of the variants."""
     spec = _learning(config) | {"evaluation": config["evaluation"], "refinement": config["models"]["refinement"]}
     if not garment:
-        return canonical(spec | _labels(config) | {name: config["motions"][name] for name in ("frames", "fps")})
+        models = {name: config["models"][name] for name in ("recognition", "motion_cvae")}
+        clips = learning_clips(config["motions"])
+        spec |= _labels(config, clips) | models | {"source": config["motions"]["source"]}
+        return canonical(spec | {name: config["motions"][name] for name in ("frames", "fps")})
     settings = config["models"][model]
     spec |= {"garment": garment, "use": settings["use"], "variants": list(settings["variants"])}
     if model == "motion_invariant":
@@ -145,11 +158,11 @@ def _learning(config: Config) -> dict:
     return {"seed": config["seed"], "body": config["body"], "splits": config["data"]["splits"]}
 
 
-def _labels(config: Config) -> dict:
-    """The labels in the networks' numbering, and the clips that are held out."""
+def _labels(config: Config, clips: list[PlannedClip]) -> dict:
+    """The labels in the networks' numbering, and those of the clips that are held out."""
     rule = SplitRule(**config["data"]["splits"])
-    held_out = [c.name for c in plan_clips(config["motions"]) if rule.holds_out_take(c.take_index)]
-    return {"labels": motion_labels(config["motions"]), "held_out_clips": held_out}
+    held_out = [clip.name for clip in clips if rule.holds_out_take(clip.take_index)]
+    return {"labels": sorted({clip.label for clip in clips}), "held_out_clips": held_out}
 
 
 def timing_spec(config: Config, garment: str) -> str:
@@ -178,7 +191,7 @@ def render_spec(config: Config, garment: str) -> str:
             "report": config["report"],
             "refinement": config["models"]["refinement"],
         }
-        | _labels(config)
+        | _labels(config, plan_clips(config["motions"]))
         | {name: config["motions"][name] for name in ("frames", "fps", "lead_in")}
     )
 

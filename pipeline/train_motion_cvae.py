@@ -1,12 +1,11 @@
-"""Stage ``train_motion_cvae``: from a label to body motions (Shi 2023, section 3.2).
+"""Stage ``train_motion_cvae``: from a label to body motions (Shi 2023, section 3.2), or a baseline of that.
 
 In: all motion batches. Out: a model file and the table of losses.
 """
 
 from __future__ import annotations
 
-from models.motion_cvae import MotionCVAEConfig
-from models.motion_fitting import fit_motion_cvae, save_motion_cvae
+from models.motion_fitting import GENERATORS, fit_motion_cvae, generator_kind, save_motion_cvae
 from pipeline.motion_data import labelled_poses
 from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage
@@ -15,16 +14,17 @@ from pipeline.training_job import TrainingProgress, settings_of, training_settin
 
 def main(job: Job) -> None:
     """Train and save."""
-    model = job.spec["model"]
+    model, variant = job.spec["model"], job.spec["variant"]
+    _, settings = GENERATORS[generator_kind(variant)]
     cvae, _ = fit_motion_cvae(
         *labelled_poses(job, job.inputs, held_out=False),
         job_body(job),
-        settings_of(MotionCVAEConfig, model, labels=tuple(job.spec["labels"])),
+        settings_of(settings, model, labels=tuple(job.spec["labels"])),
         training_settings(job, model),
         model["batch"],
         work_dir(job.outputs[1]),
         validation=labelled_poses(job, job.inputs, held_out=True),
-        progress=TrainingProgress("motion CVAE"),
+        progress=TrainingProgress(f"motion CVAE {variant}"),
     )
     save_motion_cvae(job.outputs[0], cvae)
 

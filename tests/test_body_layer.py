@@ -48,9 +48,9 @@ def test_six_numbers_give_a_rotation_whatever_they_are() -> None:
 
 def test_closed_form_vertex_error_equals_the_sum_over_vertices(layer: BodyLayer) -> None:
     a, b = _six(_motion(1)[0]), _six(_motion(2)[0])
-    brute = (layer(a) - layer(b)).square().sum(-1).mean(-1)
-    closed = layer.mean_squared_vertex_error(layer.transforms(a), layer.transforms(b))
-    np.testing.assert_allclose(closed.numpy(), brute.numpy(), rtol=1e-4)
+    brute = (layer(a) - layer(b)).square().sum(-1).mean()
+    closed = layer.mean_squared_pose_error(layer.rotation_chain(a), layer.rotation_chain(b))
+    assert float(closed) == pytest.approx(float(brute), rel=1e-4)
 
 
 def test_gradients_of_both_forms_agree(layer: BodyLayer) -> None:
@@ -59,13 +59,20 @@ def test_gradients_of_both_forms_agree(layer: BodyLayer) -> None:
     for closed in (True, False):
         pose = _six(_motion(4, 2)[0]).requires_grad_()
         if closed:
-            error = layer.mean_squared_vertex_error(layer.transforms(pose), layer.transforms(target)).sum()
+            error = layer.mean_squared_pose_error(layer.rotation_chain(pose), layer.rotation_chain(target))
         else:
-            error = (layer(pose) - layer(target)).square().sum(-1).mean(-1).sum()
+            error = (layer(pose) - layer(target)).square().sum(-1).mean()
         error.backward()
         gradients.append(pose.grad.numpy())
     assert np.abs(gradients[0]).max() > 1e-3
-    np.testing.assert_allclose(gradients[0], gradients[1], atol=1e-4)
+    np.testing.assert_allclose(gradients[0], gradients[1], atol=1e-5)
+
+
+def test_the_chain_of_rotations_is_that_of_the_skeleton(layer: BodyLayer) -> None:
+    pose = torch.stack([_six(_motion(seed)[0]) for seed in (5, 6)])  # [2, 5, 24, 6]
+    chain = layer.rotation_chain(pose)[:, :, torch.argsort(torch.tensor(layer.chain))]
+    expected = layer.global_rotations(pose).flatten(0, 1).permute(2, 3, 1, 0)
+    np.testing.assert_allclose(chain.numpy(), expected.numpy(), atol=1e-5)
 
 
 def test_wrong_shape_is_named(layer: BodyLayer) -> None:

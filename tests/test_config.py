@@ -157,8 +157,8 @@ CASES = {
         ["data.materials.samples", "or no set is held out"],
     ),
     "heads": (
-        "models: {motion_cvae: {heads: 3}}",
-        ["mine.yaml: models.motion_cvae.heads: found 3; allowed are divisors of width"],
+        "models: {motion_cvae: {variants: {actor: {heads: 3}}}}",
+        ["mine.yaml: models.motion_cvae.variants.actor.heads: found 3; allowed are divisors of width"],
     ),
     "variant that is not there": (
         "models: {shape_descriptor: {use: best}}",

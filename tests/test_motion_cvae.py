@@ -11,7 +11,7 @@ import torch
 from body.model import Body
 from geometry.rotations import axis_angle_to_6d, matrix_from_6d
 from models.body_layer import BodyLayer
-from models.motion_cvae import MotionCVAE, MotionCVAEConfig, motion_cvae_loss, spline_basis
+from models.motion_cvae import MotionCVAE, MotionCVAEConfig, spline_basis
 from models.motion_fitting import (
     fit_motion_cvae,
     fit_recognition,
@@ -33,7 +33,7 @@ def body() -> Body:
     return Body.load("small")
 
 
-def _motions(count: int, frames: int = 10) -> tuple[np.ndarray, list[str]]:
+def labelled_motions(count: int, frames: int = 10) -> tuple[np.ndarray, list[str]]:
     """Two labels with poses of their own that swing with a random phase."""
     rng = np.random.default_rng(0)
     centre = rng.normal(0.0, 0.4, (2, 1, 24, 3))
@@ -44,7 +44,7 @@ def _motions(count: int, frames: int = 10) -> tuple[np.ndarray, list[str]]:
 
 @pytest.fixture(scope="module")
 def trained(body: Body, tmp_path_factory: pytest.TempPathFactory) -> MotionCVAE:
-    poses, labels = _motions(8)
+    poses, labels = labelled_motions(8)
     settings = TrainingSettings(epochs=200, learning_rate=5e-3, schedule="cosine", checkpoint_every=1000)
     config = MotionCVAEConfig(LABELS, **SIZES)
     folder = tmp_path_factory.mktemp("cvae")
@@ -54,14 +54,14 @@ def trained(body: Body, tmp_path_factory: pytest.TempPathFactory) -> MotionCVAE:
 
 
 def test_one_batch_is_learned(trained: MotionCVAE) -> None:
-    poses, labels = _motions(8)
+    poses, labels = labelled_motions(8)
     error = np.square(trained.reconstruct(poses, labels) - poses).mean()
     label_mean = np.mean([np.square(poses[n::2] - poses[n::2].mean((0, 1))).mean() for n in range(2)])
     assert error < 0.5 * label_mean
 
 
 def test_samples_are_rotations_and_follow_the_label(trained: MotionCVAE) -> None:
-    poses, _ = _motions(8)
+    poses, _ = labelled_motions(8)
     generated = trained.sample(["bow", "walk"] * 4, 10, torch.Generator().manual_seed(1))
     assert generated.shape == (8, 10, 24, 6)
     matrix = matrix_from_6d(generated)
@@ -91,7 +91,7 @@ def test_any_length_can_be_generated(trained: MotionCVAE) -> None:
 def test_tokens_of_several_frames_keep_length_and_show_no_seam() -> None:
     torch.manual_seed(0)
     model = MotionCVAE(MotionCVAEConfig(LABELS, **SIZES, frames_per_token=4))
-    poses, labels = _motions(2, frames=10)
+    poses, labels = labelled_motions(2, frames=10)
     assert model.reconstruct(poses, labels).shape == poses.shape
     with torch.no_grad():
         smooth = model.eval().decode(torch.randn(1, 32), torch.tensor([0]), 41).numpy()
@@ -107,10 +107,10 @@ def test_spline_holds_a_constant_and_a_line() -> None:
 
 
 def test_losses_equal_their_definitions(trained: MotionCVAE, body: Body) -> None:
-    poses, labels = (torch.as_tensor(_motions(2)[0]), torch.tensor([0, 1]))
+    poses, labels = (torch.as_tensor(labelled_motions(2)[0]), torch.tensor([0, 1]))
     layer = BodyLayer(body)
     with torch.no_grad():
-        parts = motion_cvae_loss(trained.eval(), layer, (poses, labels))
+        parts = trained.eval().loss(layer, (poses, labels))
         mean, log_deviation = trained.encode(poses, labels)
         predicted = trained.decode(mean, labels, poses.shape[1])
         prior = torch.distributions.Normal(0.0, 1.0)
@@ -136,13 +136,13 @@ def test_bad_input_is_named(trained: MotionCVAE, body: Body, tmp_path: Path) -> 
     with pytest.raises(ValueError, match="label 'fly' was not trained; known: bow, walk"):
         trained.sample(["fly"], 10, torch.Generator())
     with pytest.raises(ValueError, match="2 pose sequences, but 1 labels"):
-        fit_motion_cvae(_motions(2)[0], ["bow"], body, trained.config, TrainingSettings(epochs=1), 2, tmp_path)
+        fit_motion_cvae(labelled_motions(2)[0], ["bow"], body, trained.config, TrainingSettings(epochs=1), 2, tmp_path)
     with pytest.raises(ValueError, match="labels must be non-empty and different"):
         MotionCVAEConfig(("a", "a"))
 
 
 def test_recognition_learns_ignores_no_randomness_and_survives_its_file(tmp_path: Path) -> None:
-    poses, labels = _motions(16)
+    poses, labels = labelled_motions(16)
     settings = TrainingSettings(epochs=15, learning_rate=1e-2, checkpoint_every=1000)
     network, _ = fit_recognition(poses, labels, RecognitionConfig(LABELS, width=16), settings, 8, tmp_path)
     features, classes = network.describe(poses)

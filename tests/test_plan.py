@@ -15,6 +15,8 @@ from pipeline.config import load_config
 from pipeline.plan import (
     batch_clips,
     batch_count,
+    learning_batch_count,
+    learning_clips,
     motion_labels,
     plan_clips,
     shard_batches,
@@ -61,6 +63,18 @@ def test_batches_hold_every_clip_once(config):
     assert held == plan_clips(motions)
 
 
+def test_clips_that_are_not_simulated_come_in_batches_of_their_own_and_change_no_other(config):
+    motions = config["motions"] | {"clips_per_batch": 5, "unsimulated": 2}
+    simulated, clips = plan_clips(motions), learning_clips(motions)
+    assert clips[: len(simulated)] == simulated and len(clips) == 3 * len(simulated)
+    assert len({clip.name for clip in clips}) == len(clips)
+    assert [clip.take_index for clip in clips] == list(range(len(clips)))  # the split never moves
+    held = [clip for batch in range(learning_batch_count(motions)) for clip in batch_clips(motions, batch)]
+    assert held == clips
+    before = [batch_clips(motions | {"unsimulated": 0}, batch) for batch in range(batch_count(motions))]
+    assert [batch_clips(motions, batch) for batch in range(batch_count(motions))] == before
+
+
 def test_shards_hold_every_simulation_once(config):
     config["data"]["materials"] |= {"samples": 8, "samples_per_shard": 2, "clips": 5}
     config["motions"]["clips_per_batch"] = 4
@@ -79,7 +93,8 @@ def test_specs_hold_what_determines_a_job_and_nothing_else(config):
     before = {shard: spec.simulate_spec(config, "skirt", shard) for shard in shard_names(config)}
     changed = deepcopy(config)
     changed["compute"] = {"device": "cuda", "threads": 8}
-    changed["models"]["motion_cvae"]["layers"] = 1
+    changed["models"]["motion_cvae"]["variants"]["spline"]["layers"] = 1
+    changed["motions"]["unsimulated"] = 7
     changed["garments"]["tshirt"]["ranges"]["density"]["max"] = 0.2
     assert {shard: spec.simulate_spec(changed, "skirt", shard) for shard in shard_names(config)} == before
     changed["garments"]["skirt"]["ranges"]["density"]["max"] = 0.2

@@ -21,6 +21,7 @@ TABLES = (
     "parameter_recovery",
     "motion_reconstruction",
     "motion_generation",
+    "motion_quality",
     "garment_regressor",
     "collision_tuning",
     "timing",
@@ -94,15 +95,23 @@ def test_more_samples_simulate_only_the_new_shards(smoke):
     assert shards == {"shards/skirt/materials_0001.h5", "shards/tshirt/materials_0001.h5"}
 
 
+def test_clips_that_are_not_simulated_are_learned_from_and_simulate_nothing(smoke):
+    mine = overlay(smoke, "motions: {unsimulated: 2}")
+    planned = smoke.planned_outputs(CONFIG, mine)
+    assert {"motions/batch_0002.h5", "models/motion/motion_cvae/spline.pt", "models/motion/recognition.pt"} <= planned
+    assert not [path for path in planned if path.startswith("shards/") or path == "motions/batch_0000.h5"]
+
+
 def test_the_device_and_the_threads_change_nothing(smoke):
     mine = overlay(smoke, "compute: {device: cpu, threads: 2}")
     assert smoke.planned_outputs(CONFIG, mine) == set()
 
 
 def test_a_model_setting_reruns_its_training_and_no_simulation(smoke):
-    mine = overlay(smoke, "models: {motion_cvae: {training: {epochs: 21}}}")
+    mine = overlay(smoke, "models: {motion_cvae: {variants: {spline: {training: {epochs: 21}}}}}")
     planned = smoke.planned_outputs(CONFIG, mine)
-    assert "models/motion/motion_cvae.pt" in planned
+    assert "models/motion/motion_cvae/spline.pt" in planned
+    assert "models/motion/motion_cvae/actor.pt" not in planned
     assert not [path for path in planned if path.startswith("shards/")]
     assert "models/skirt/shape_descriptor/paper.pt" not in planned
 

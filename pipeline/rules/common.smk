@@ -5,7 +5,7 @@ from glob import glob
 
 from pipeline import spec
 from pipeline.config import ConfigError, check_config, read_layers
-from pipeline.plan import batch_count, shard_batches, shard_names
+from pipeline.plan import learning_batch_count, shard_batches, shard_names
 from pipeline.sources import stage_sources
 
 # Snakemake lists the files of the command line first, yet lays them over the default.
@@ -39,8 +39,25 @@ def shards(wildcards):
 
 
 def batches():
-    """All motion batches."""
-    return [f"{RESULTS}/motions/batch_{i:04d}.h5" for i in range(batch_count(config["motions"]))]
+    """All motion batches, those too that are not simulated."""
+    return [f"{RESULTS}/motions/batch_{i:04d}.h5" for i in range(learning_batch_count(config["motions"]))]
+
+
+def motion_cvae(variant=None):
+    """Path of a trained motion generator, of the variant in use where none is named."""
+    return f"{RESULTS}/models/motion/motion_cvae/{variant or config['models']['motion_cvae']['use']}.pt"
+
+
+def motion_cvaes():
+    """Paths of all variants of the motion generator, in the order of the config."""
+    return [motion_cvae(variant) for variant in config["models"]["motion_cvae"]["variants"]]
+
+
+def motion_trainings():
+    """Names of the trainings of the motion models, the judge first."""
+    return ["motion/recognition"] + [
+        f"motion/motion_cvae/{variant}" for variant in config["models"]["motion_cvae"]["variants"]
+    ]
 
 
 def model_file(model, variant=None):
@@ -60,7 +77,7 @@ def part(table):
 
 def losses():
     """The loss tables of all trainings, motion models first."""
-    trainings = [f"motion/{model}" for model in ("recognition", "motion_cvae")]
+    trainings = motion_trainings()
     for garment in GARMENTS:
         for model in ("shape_descriptor", "motion_invariant", "garment_regressor"):
             trainings += [f"{garment}/{model}/{variant}" for variant in config["models"][model]["variants"]]

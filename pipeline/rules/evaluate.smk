@@ -73,11 +73,13 @@ rule evaluate_motion:
     input:
         motions=batches(),
         recognition=f"{RESULTS}/models/motion/recognition.pt",
-        cvae=f"{RESULTS}/models/motion/motion_cvae.pt",
+        models=motion_cvaes(),
+        losses=[f"{RESULTS}/training/{training}/losses.csv" for training in motion_trainings()],
         code=stage_sources("evaluate_motion"),
     output:
         f"{RESULTS}/tables/motion_reconstruction.csv",
         f"{RESULTS}/tables/motion_generation.csv",
+        f"{RESULTS}/tables/motion_quality.csv",
     log:
         f"{RESULTS}/logs/evaluate_motion.log",
     benchmark:
@@ -90,7 +92,7 @@ rule evaluate_motion:
         spec=spec.evaluate_spec(config),
     shell:
         "python -m pipeline.evaluate_motion --spec {params.spec:q} --out {output}"
-        " --in {input.recognition} {input.cvae} {input.motions} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+        " --in {input.recognition} {input.models} {input.losses} {input.motions} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
 rule evaluate_garment_regressor:
@@ -125,7 +127,7 @@ rule time_solvers:
         kernels=ancient(f"{RESULTS}/.kernels_compiled"),
         descriptor=model_file("shape_descriptor"),
         motion_invariant=model_file("motion_invariant"),
-        cvae=f"{RESULTS}/models/motion/motion_cvae.pt",
+        cvae=motion_cvae(),
         regressor=model_file("garment_regressor", "fine_tuned"),
         code=stage_sources("time_solvers"),
     output:
@@ -173,6 +175,7 @@ TABLES = [
     "parameter_recovery",
     "motion_reconstruction",
     "motion_generation",
+    "motion_quality",
     "garment_regressor",
     "collision_tuning",
     "timing",

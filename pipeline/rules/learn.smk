@@ -83,12 +83,12 @@ rule train_motion_cvae:
         motions=batches(),
         code=stage_sources("train_motion_cvae"),
     output:
-        model=f"{RESULTS}/models/motion/motion_cvae.pt",
-        losses=f"{RESULTS}/training/motion/motion_cvae/losses.csv",
+        model=motion_cvae("{variant}"),
+        losses=f"{RESULTS}/training/motion/motion_cvae/{{variant}}/losses.csv",
     log:
-        f"{RESULTS}/logs/train_motion_cvae/motion_cvae.log",
+        f"{RESULTS}/logs/train_motion_cvae/{{variant}}.log",
     benchmark:
-        f"{RESULTS}/benchmarks/train_motion_cvae/motion_cvae.tsv"
+        f"{RESULTS}/benchmarks/train_motion_cvae/{{variant}}.tsv"
     priority: 20
     conda:
         ENVIRONMENT
@@ -96,7 +96,7 @@ rule train_motion_cvae:
     resources:
         device=DEVICE,
     params:
-        spec=spec.train_spec(config, "motion_cvae"),
+        spec=lambda w: spec.train_spec(config, "motion_cvae", variant=w.variant),
     shell:
         "python -m pipeline.train_motion_cvae --spec {params.spec:q} --out {output}"
         " --in {input.motions} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
@@ -131,7 +131,7 @@ rule train_garment_regressor:
 rule fine_tune_regressor:
     input:
         regressor=model_file("garment_regressor"),
-        cvae=f"{RESULTS}/models/motion/motion_cvae.pt",
+        cvae=motion_cvae(),
         template=f"{RESULTS}/garments/{{garment}}.npz",
         code=stage_sources("fine_tune_regressor"),
     output:
@@ -163,5 +163,5 @@ rule models:
             for path in model_files(model)
         ],
         expand(f"{RESULTS}/models/{{garment}}/garment_regressor/fine_tuned.pt", garment=GARMENTS),
-        f"{RESULTS}/models/motion/motion_cvae.pt",
+        motion_cvaes(),
         f"{RESULTS}/models/motion/recognition.pt",

@@ -5,7 +5,7 @@ rule render:
     input:
         template=f"{RESULTS}/garments/{{garment}}.npz",
         shards=shards,
-        cvae=f"{RESULTS}/models/motion/motion_cvae.pt",
+        cvae=motion_cvae(),
         regressor=model_file("garment_regressor", "fine_tuned"),
         code=stage_sources("render"),
     output:

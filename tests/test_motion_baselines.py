@@ -1,0 +1,154 @@
+"""Baselines of the motion generator: shapes, learning, causality, labels, files, refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from body.model import Body
+from geometry.rotations import matrix_from_6d
+from models.action2motion import Action2Motion, Action2MotionConfig
+from models.actor import Actor, ActorConfig
+from models.body_layer import BodyLayer
+from models.motion_fitting import fit_motion_cvae, generator_kind, load_motion_cvae, save_motion_cvae
+from models.motion_generator import MotionGenerator, gaussian_kl
+from models.training import TrainingSettings
+from tests.test_motion_cvae import LABELS, labelled_motions
+
+torch.set_num_threads(1)
+CONFIGS = {
+    "actor": ActorConfig(LABELS, width=32, layers=1, heads=2, feed_forward=64, dropout=0.0),
+    "action2motion": Action2MotionConfig(LABELS, width=32, latent=6),
+}
+EPOCHS = {"actor": 250, "action2motion": 200}
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return Body.load("small")
+
+
+@pytest.fixture(scope="module", params=list(CONFIGS))
+def trained(request: pytest.FixtureRequest, body: Body, tmp_path_factory: pytest.TempPathFactory) -> MotionGenerator:
+    poses, labels = labelled_motions(8)
+    settings = TrainingSettings(
+        epochs=EPOCHS[request.param], learning_rate=5e-3, schedule="cosine", checkpoint_every=1000
+    )
+    folder = tmp_path_factory.mktemp(request.param)
+    model, log = fit_motion_cvae(poses, labels, body, CONFIGS[request.param], settings, 8, folder)
+    assert {"pose", "kl", "total"} <= set(log.last())
+    return model
+
+
+def test_one_batch_is_learned(trained: MotionGenerator) -> None:
+    poses, labels = labelled_motions(8)
+    error = np.square(trained.reconstruct(poses, labels) - poses).mean()
+    label_mean = np.mean([np.square(poses[n::2] - poses[n::2].mean((0, 1))).mean() for n in range(2)])
+    assert error < 0.5 * label_mean
+
+
+def test_samples_are_rotations_of_any_length_and_follow_the_label(trained: MotionGenerator) -> None:
+    poses, _ = labelled_motions(8)
+    generated = trained.sample(["bow", "walk"] * 4, 13, torch.Generator().manual_seed(1))
+    assert generated.shape == (8, 13, 24, 6)
+    matrix = matrix_from_6d(generated)
+    np.testing.assert_allclose(matrix[..., :, :2].swapaxes(-1, -2).reshape(generated.shape), generated, atol=1e-5)
+    for number in range(2):
+        own = np.square(generated[number::2].mean((0, 1)) - poses[number::2].mean((0, 1))).mean()
+        other = np.square(generated[number::2].mean((0, 1)) - poses[1 - number :: 2].mean((0, 1))).mean()
+        assert own < 0.3 * other
+
+
+def test_same_seed_gives_the_same_motions_and_another_gives_others(trained: MotionGenerator) -> None:
+    first, again, other = (trained.sample(["walk"], 10, torch.Generator().manual_seed(s)) for s in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other).max() > 1e-4
+
+
+def test_file_round_trip_keeps_the_kind(trained: MotionGenerator, tmp_path: Path) -> None:
+    save_motion_cvae(tmp_path / "model.pt", trained)
+    again = load_motion_cvae(tmp_path / "model.pt")
+    assert type(again) is type(trained) and again.config == trained.config
+    seeds = (torch.Generator().manual_seed(5), torch.Generator().manual_seed(5))
+    np.testing.assert_array_equal(again.sample(["bow"], 10, seeds[0]), trained.sample(["bow"], 10, seeds[1]))
+
+
+def test_bad_input_is_named(trained: MotionGenerator) -> None:
+    with pytest.raises(ValueError, match="label 'fly' was not trained; known: bow, walk"):
+        trained.sample(["fly"], 10, torch.Generator())
+    with pytest.raises(ValueError, match="at least 1 frame, got 0"):
+        trained.sample(["bow"], 0, torch.Generator())
+    with pytest.raises(ValueError, match=r"expected shape \[N, T, 24, 6\], got \[1, 10, 23, 6\]"):
+        trained.reconstruct(np.zeros((1, 10, 23, 6)), ["bow"])
+
+
+@pytest.fixture
+def frame_level() -> Action2Motion:
+    torch.manual_seed(3)
+    return Action2Motion(CONFIGS["action2motion"]).eval()
+
+
+def test_action2motion_never_looks_ahead(frame_level: Action2Motion) -> None:
+    poses, labels = torch.as_tensor(labelled_motions(2)[0]), torch.tensor([0, 1])
+    changed = poses.clone()
+    changed[:, 6:] += 0.5
+    with torch.no_grad():
+        before, after = frame_level.rebuild(poses, labels), frame_level.rebuild(changed, labels)
+    torch.testing.assert_close(before[:, :6], after[:, :6])
+    assert (before[:, 6:] - after[:, 6:]).abs().max() > 1e-4
+
+
+def test_action2motion_goes_on_from_its_own_frames(frame_level: Action2Motion) -> None:
+    """A latent vector of one frame changes that frame and those after it, and the prior of the next ones."""
+    condition = frame_level._condition(torch.tensor([0]), 8)
+    latents = torch.zeros(2, 8, 6)
+    latents[1, 3] = 2.0
+    with torch.no_grad():
+        (a, prior_a), (b, prior_b) = (
+            frame_level._roll_out(condition, lambda t, *_, one=one: one[None, t]) for one in latents
+        )
+    moved = (a - b).abs().amax((0, 2))
+    assert (moved[:3] == 0.0).all() and (moved[3:] > 1e-6).all()
+    told = (prior_a - prior_b).abs().amax((0, 2))
+    assert (told[:4] == 0.0).all() and (told[4:] > 1e-7).all()
+
+
+def test_action2motion_with_teacher_forcing_sees_the_true_frame_before(frame_level: Action2Motion, body: Body) -> None:
+    poses, labels = (torch.as_tensor(labelled_motions(2)[0]), torch.tensor([0, 1]))
+    layer, losses = BodyLayer(body), {}
+    for share in (0.0, 1.0):
+        model = Action2Motion(Action2MotionConfig(LABELS, width=32, latent=6, teacher_forcing=share)).train()
+        model.load_state_dict(frame_level.state_dict())
+        torch.manual_seed(0)
+        losses[share] = float(model.loss(layer, (poses, labels))["pose"])
+    assert losses[0.0] != pytest.approx(losses[1.0], rel=1e-6)
+
+
+def test_actor_restores_every_frame_from_the_latent_vector_and_its_time() -> None:
+    torch.manual_seed(4)
+    model = Actor(CONFIGS["actor"]).eval()
+    with torch.no_grad():
+        one, other = (model.decode(torch.full((1, 32), value), torch.tensor([0]), 9) for value in (0.0, 1.0))
+        labelled = model.decode(torch.zeros(1, 32), torch.tensor([1]), 9)
+    for changed in (other, labelled):
+        assert ((one - changed).abs().amax((0, 2, 3)) > 1e-4).all()
+    assert (one[:, 0] - one[:, 5]).abs().max() > 1e-4
+
+
+def test_divergence_of_gaussians_is_the_analytic_one() -> None:
+    generator = torch.Generator().manual_seed(0)
+    mean, deviation, prior_mean, prior_deviation = (torch.randn(5, 3, generator=generator) for _ in range(4))
+    own, prior = (torch.distributions.Normal(m, d.exp()) for m, d in ((mean, deviation), (prior_mean, prior_deviation)))
+    expected = torch.distributions.kl_divergence(own, prior).sum(-1)
+    torch.testing.assert_close(gaussian_kl(mean, deviation, prior_mean, prior_deviation), expected)
+
+
+def test_settings_that_make_no_sense_are_refused() -> None:
+    with pytest.raises(ValueError, match="teacher_forcing is a share from 0 to 1, got 2"):
+        Action2MotionConfig(LABELS, teacher_forcing=2.0)
+    with pytest.raises(ValueError, match="labels must be non-empty and different"):
+        ActorConfig(())
+    assert [generator_kind(name) for name in ("actor", "spline", "paper")] == ["actor", "motion_cvae", "motion_cvae"]
