@@ -188,6 +188,10 @@ def test_what_is_inside_at_faces_set_aside_is_no_fault():
     assert found.triangle_aside[across & (np.abs(z) < 0.5).all(axis=1)].all()
     other = (np.abs(z).min(axis=1) < 0.5) & (np.abs(z).max(axis=1) > 0.5) & (np.abs(x) < 0.5).all(axis=1)
     assert other.sum() > 50 and not found.triangle_aside[other].any()
+    # Around a vertical edge of the box: all turns have one sign.
+    turns = (x - 0.5) * np.roll(z - 0.5, 1, axis=1) - (z - 0.5) * np.roll(x - 0.5, 1, axis=1)
+    around_edge = (turns > 0.0).all(axis=1) | (turns < 0.0).all(axis=1)
+    assert around_edge.sum() == 1 and not found.triangle_aside[around_edge].any()
     assert found.triangles_inside + found.aside_triangles == plain.triangles_inside
     assert found.body_pairs < plain.body_pairs and plain.aside_triangles == plain.aside_vertices == 0
     closed = checker.check(points, CUBE_VERTICES, everywhere)  # what is aside does not count as pinched either
