@@ -7,7 +7,7 @@ import importlib
 
 import warp as wp
 
-_SOLVER = ("membrane", "bending", "integrate", "contact", "seeds", "query", "pokes", "tethers")
+_SOLVER = ("membrane", "bending", "normals", "integrate", "contact", "seeds", "query", "pokes", "tethers")
 _METERS = ("strain", "body_crossings")
 _SELF_CONTACT = ("self_contact", "self_detection", "self_features", "untangle")
 _GENERIC = tuple(f"sim.kernels.{name}" for name in (*_SOLVER, *_METERS, *_SELF_CONTACT))

@@ -9,7 +9,7 @@ import warp as wp
 
 from sim.body_contact import BodyContact
 from sim.constraints import device_hinges, device_triangles
-from sim.kernels import bending, integrate, membrane
+from sim.kernels import bending, integrate, membrane, normals
 from sim.kernels.lanes import scalars, vectors
 from sim.kernels.parameters import ROW_COUNT
 from sim.rest_state import RestState
@@ -53,6 +53,15 @@ class LaneSubstep:
         self.triangles = device_triangles(rest, device)
         self.hinges = device_hinges(rest, device)
         self.crease = wp.zeros(len(rest.hinges), dtype=state.parameters.dtype, device=device)
+
+    def find_normals(self) -> None:
+        """Normals of the cloth where it is now."""
+        s = self.state
+        self._launch(normals.clear_normals, self.count, [s.x], [s.normals])
+        for first, count in self.triangles.ranges:
+            inputs = [first, self.triangles.items, s.parameters, s.x]
+            self._launch(normals.add_normals, count, inputs, [s.normals])
+        self._launch(normals.scale_normals, self.count, [s.parameters], [s.normals])
 
     def crease_where_bent(self) -> None:
         """What hinges are bent beyond their yield becomes crease."""

@@ -6,7 +6,7 @@ import warp as wp
 
 from sim.body_contact import BodyContact
 from sim.constraints import hinge_packs, triangle_packs
-from sim.kernels import packed_bending, packed_membrane, packed_motion
+from sim.kernels import normals, packed_bending, packed_membrane, packed_motion
 from sim.kernels.packs import PACK, packed_float
 from sim.lane_substep import State
 from sim.rest_state import RestState
@@ -18,7 +18,7 @@ class PackedSubstep:
     def __init__(self, rest: RestState, state: State, contact: BodyContact | None, device: str):
         """Copy the constraints to the device, sorted by colour and packed."""
         self.state, self.device = state, device
-        count = len(rest.vertices)
+        self.count = count = len(rest.vertices)
         if count < PACK:
             raise ValueError(f"{count} vertices: packs need {PACK} or more")
         self.packs = -(-count // PACK)
@@ -30,6 +30,14 @@ class PackedSubstep:
             self.contact = [near, clearance, *[state.normals] * 4]
         else:
             self.contact = [contact.near, contact.clearance.view(wp.float32), *contact.planes]
+
+    def find_normals(self) -> None:
+        """Normals of the cloth where it is now."""
+        s = self.state
+        self._launch(normals.clear_normals, self.count, [s.x], [s.normals])
+        for first, count in self.triangles.ranges:
+            self._launch(packed_membrane.add_packed_normals, count, [first, self.triangles.items, s.x], [s.normals])
+        self._launch(normals.scale_normals, self.count, [s.parameters], [s.normals])
 
     def crease_where_bent(self) -> None:
         """What hinges are bent beyond their yield becomes crease."""

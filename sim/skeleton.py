@@ -46,7 +46,6 @@ class Skin:
         count: Number of points N of one motion.
         start: Positions at the start of the interval [m], motion after motion, shape [M * N].
         end: Positions at its end [m], shape [M * N].
-        travel: Longest way of a point within the interval [m], shape [M].
     """
 
     def __init__(self, bind: np.ndarray, index: np.ndarray, weight: np.ndarray, motions: int, device: str):
@@ -58,15 +57,13 @@ class Skin:
         self.weight = wp.array(weight, dtype=wp.vec4, device=device)
         self.start = wp.zeros(motions * self.count, dtype=wp.vec3, device=device)
         self.end = wp.zeros(motions * self.count, dtype=wp.vec3, device=device)
-        self.travel = wp.zeros(motions, dtype=float, device=device)
 
     def launch(self, skeleton: Skeleton) -> None:
         """Begin an interval: the end becomes the start, a new end is skinned."""
         if self.count:
             inputs = [self.count, skeleton.joints, self.bind, self.index, self.weight]
             inputs += [skeleton.rotation, skeleton.translation, skeleton.shift]
-            outputs = [self.start, self.end, self.travel]
-            wp.launch(kernels.reset_travel, self.motions, [], [self.travel], device=self.device)
+            outputs = [self.start, self.end]
             wp.launch(kernels.skin_points, self.motions * self.count, inputs, outputs, device=self.device)
 
 

@@ -28,7 +28,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import warp as wp
 
-from sim.body_contact import BodyContact, corner_table
+from sim.body_contact import BodyContact
 from sim.compile import load_kernels
 from sim.kernels import integrate
 from sim.kernels.packs import PACK
@@ -92,9 +92,6 @@ class XpbdSolver:
         packed = width == 1 and device == "cpu" and self.count >= PACK
         self.substep = (PackedSubstep if packed else LaneSubstep)(rest, state, contact, device)
         self.pinned = wp.array(rest.pinned, dtype=int, device=device)
-        first_corner, corners = corner_table(rest.topology.faces, self.count)
-        self.first_corner = wp.array(first_corner, dtype=int, device=device)
-        self.corners = wp.array(corners, dtype=wp.vec2i, device=device)
         self.tethers = Tethers(rest, device) if tethered and len(rest.pinned) else None
         self.plastic = False
         self._graphs: dict[tuple[int, bool], wp.Graph] = {}
@@ -225,14 +222,12 @@ class XpbdSolver:
         return np.array(each.transpose(2, 0, 1), order="C")  # a copy: a view would follow the solver
 
     def _interval(self, substeps: int) -> None:
-        launch = self._launch
         skeleton = self.skeleton
-        launch(integrate.shift_origin, self.count, [skeleton.device_lane_motion, skeleton.shift], [self.x])
+        self._launch(integrate.shift_origin, self.count, [skeleton.device_lane_motion, skeleton.shift], [self.x])
         self.pins.launch(skeleton)
         if self.contact is not None:
             self.contact.launch_motion()
-        inputs = [self.first_corner, self.corners, self.x]
-        launch(integrate.cloth_normals, self.count, inputs, [self.state.normals])
+        self.substep.find_normals()
         if self.plastic:
             self.substep.crease_where_bent()
         done = 0

@@ -107,6 +107,21 @@ def test_substeps(side, touching):
 
 
 @pytest.mark.parametrize("side", [4, 9])
+def test_normals(side):
+    """Unit normals weighted by area, against NumPy."""
+    for substep in pair(side):
+        x, faces = substep.state.x.numpy().astype(float), cloth(side)[0].topology.faces
+        expected = np.zeros_like(x)
+        for corner in range(3):
+            np.add.at(
+                expected, faces[:, corner], np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]])
+            )
+        expected /= np.linalg.norm(expected, axis=1, keepdims=True)
+        substep.find_normals()
+        assert np.abs(substep.state.normals.numpy() - expected).max() < 1e-4
+
+
+@pytest.mark.parametrize("side", [4, 9])
 def test_damping(side):
     compare(*pair(side), lambda s: s.damp(4.0))
 

@@ -34,12 +34,8 @@ def skin_points(
     shift: wp.array(dtype=wp.vec3),
     start: wp.array(dtype=wp.vec3),
     end: wp.array(dtype=wp.vec3),
-    travel: wp.array(dtype=float),
 ):
-    """Begin an interval: its start is the last end in the new origin, its end is skinned linearly.
-
-    ``travel`` becomes the longest way of a point of each motion [m].
-    """
+    """Begin an interval: its start is the last end in the new origin, its end is skinned linearly."""
     i = wp.tid()
     motion = i // count
     start[i] = end[i] + shift[motion]
@@ -51,13 +47,6 @@ def skin_points(
         joint = motion * joint_count + joints[k]
         posed += (rotation[joint] * p + translation[joint]) * w[k]
     end[i] = posed
-    wp.atomic_max(travel, motion, wp.length(posed - start[i]))
-
-
-@wp.kernel
-def reset_travel(travel: wp.array(dtype=float)):
-    """Before the points of an interval are skinned."""
-    travel[wp.tid()] = 0.0
 
 
 @wp.kernel

@@ -125,3 +125,41 @@ def damp_packed_membrane(
     scatter(v, t.i0, v0)
     scatter(v, t.i1, v1)
     scatter(v, t.i2, v2)
+
+
+@wp.kernel
+def add_packed_normals(
+    first: int, packs: wp.array(dtype=Pack), x: wp.array(dtype=wp.vec3), normals: wp.array(dtype=wp.vec3)
+):
+    """:func:`add_normals` of a single world, sixteen triangles a thread."""
+    t = packs[first + wp.tid()]
+    x0 = gather(x, t.i0)
+    x1 = gather(x, t.i1)
+    x2 = gather(x, t.i2)
+    n0 = gather(normals, t.i0)
+    n1 = gather(normals, t.i1)
+    n2 = gather(normals, t.i2)
+    for k in range(PACK):
+        y = PACK + k
+        z = 2 * PACK + k
+        ax = x1[k] - x0[k]
+        ay = x1[y] - x0[y]
+        az = x1[z] - x0[z]
+        bx = x2[k] - x0[k]
+        by = x2[y] - x0[y]
+        bz = x2[z] - x0[z]
+        cx = ay * bz - az * by
+        cy = az * bx - ax * bz
+        cz = ax * by - ay * bx
+        n0[k] = n0[k] + cx
+        n0[y] = n0[y] + cy
+        n0[z] = n0[z] + cz
+        n1[k] = n1[k] + cx
+        n1[y] = n1[y] + cy
+        n1[z] = n1[z] + cz
+        n2[k] = n2[k] + cx
+        n2[y] = n2[y] + cy
+        n2[z] = n2[z] + cz
+    scatter(normals, t.i0, n0)
+    scatter(normals, t.i1, n1)
+    scatter(normals, t.i2, n2)
