@@ -8,27 +8,21 @@ from __future__ import annotations
 
 import numpy as np
 import warp as wp
-from scipy.spatial import cKDTree
 
 from sim.body_parts import ContactParts
+from sim.body_seeds import age, pieces, spread_seeds
 from sim.kernels import contact as kernels
-from sim.kernels import pokes, query
-from sim.kernels.lanes import scalars, vectors
+from sim.kernels import kept_contacts, pokes, query, surface_walk
+from sim.kernels.lanes import instance, scalars, vectors
 from sim.kernels.parameters import THICKNESS
-from sim.kernels.seeds import CELL, SEED_BITS, STAMPS, Seeds, plant_seeds
+from sim.kernels.seeds import plant_seeds
 from sim.skeleton import Skeleton, Skin
 
 LIMB_RADIUS = 0.05
 """Radius of the narrower limbs, knee and elbow [m]: sets how much coarse triangles stand off."""
 
-SEED_SPACING = 0.025
-"""Distance between seeds on the body in its bind pose [m], more where they would be too many."""
-
-LONGEST_PIECE = 0.5
-"""Extent of the pieces that seeds are told apart by [m]."""
-
 TURNS = 8
-"""A vertex looks for a nearer place on its own limb in one query of this many."""
+"""A vertex looks for a nearer place on its own limb in one query of this many, a power of two."""
 
 
 class BodyContact:
@@ -79,10 +73,10 @@ class BodyContact:
         self.normals_end = wp.zeros(motions * len(vertices), dtype=wp.vec3, device=device)
         self.skin.end.assign(np.tile(bind, (motions, 1)).astype(np.float32))
 
-        regions = _pieces(bind[faces].mean(axis=1), parts.regions)
+        regions = pieces(bind[faces].mean(axis=1), parts.regions)
         labels = parts.face_bits() | (regions << 16)
         self.faces = wp.array(np.column_stack([faces, labels]).astype(np.int32), dtype=wp.vec4i, device=device)
-        surface = query.Surface()
+        surface = surface_walk.Surface()
         surface.faces = self.faces
         across = _neighbours(faces)
         surface.neighbours = wp.array(across, dtype=wp.vec3i, device=device)
@@ -90,7 +84,7 @@ class BodyContact:
         surface.start, surface.points, surface.normals = self.skin.start, self.skin.end, self.normals_end
         surface.body_count = len(vertices)
         self.surface = surface
-        self.seeds = _plant(bind, faces, regions, motions, device)
+        self.seeds = spread_seeds(bind, faces, regions, motions, device)
 
         self.standoff = wp.array(np.asarray(standoff, dtype=np.float32), dtype=float, device=device)
         self.owned = wp.array(parts.owned_bits(), dtype=int, device=device)
@@ -100,9 +94,10 @@ class BodyContact:
         )
         self.barycentric = wp.zeros(self.count * width, dtype=wp.vec3, device=device)
         self.lean = wp.zeros(self.count * width, dtype=wp.vec3, device=device)
-        self.clearance, self.distance, self.pinched, self.floor = (
-            wp.zeros(self.count, dtype=scalars(width), device=device) for _ in range(4)
+        self.clearance, self.distance, self.pinched, self.floor, self.kept, self.keepable = (
+            wp.zeros(self.count, dtype=scalars(width), device=device) for _ in range(6)
         )
+        self.direction = wp.zeros(self.count, dtype=vectors(width), device=device)
         self.let_go = wp.zeros(self.count * width, dtype=int, device=device)
         self.neighbours = _neighbour_lists(edges, edge_length, self.count, device)
         self.edges = wp.array(np.asarray(edges, dtype=np.int32), dtype=wp.vec2i, device=device)
@@ -121,7 +116,7 @@ class BodyContact:
         outputs = [self.normals_start, self.normals_end]
         wp.launch(kernels.smooth_normals, skin.motions * skin.count, inputs, outputs, device=self.device)
         skeleton = self.skeleton
-        inputs = [skin.count, skeleton.device_lane_motion, skeleton.shift, self.near, self.faces, self.face]
+        inputs = [skin.count, skeleton.device_lane_motion, skeleton.shift, self.faces, self.face]
         inputs += [self.barycentric, skin.end, self.normals_end, self.lean]
         wp.launch(kernels.carry_planes, self.count, inputs, self.planes, device=self.device)
 
@@ -151,32 +146,34 @@ class BodyContact:
             steps: Substeps since the last call.
             passes: How often a vertex is moved out at most; 0 only measures.
         """
-        skin, seeds = self.skin, self.seeds
-        if seeds.stamp == 1:
-            seeds.grid.fill_(_NO_ENTRY)
-            seeds.stamp = STAMPS
-        else:
-            seeds.stamp -= 1
-        inputs = [self.faces, skin.count, skin.end]
+        skin, seeds, width = self.skin, self.seeds, len(self.skeleton.lane_motion)
+        age(seeds)
+        inputs = [self.faces, skin.count, skin.end, self.normals_end]
         wp.launch(plant_seeds, skin.motions * seeds.count, [*inputs, seeds], device=self.device)
         self._turn = (self._turn + 1) % TURNS
+        point, travel, normal, turn = self.planes
+        inputs = [self.reach, float(steps), inverse_mass, self.standoff, parameters, v, self.keepable, travel, turn]
+        outputs = [x, point, normal, self.direction, self.clearance, self.distance, self.pinched, self.floor, self.kept]
+        wp.launch(instance(kept_contacts.keep_contacts, width), self.count, inputs, outputs, device=self.device)
         inputs = [self.reach, passes, self._turn, TURNS, float(steps), self.skeleton.device_lane_motion]
         inputs += [inverse_mass, self.standoff, self.owned, *self.neighbours, self.surface, seeds, parameters, v]
+        inputs += [self.kept]
         outputs = [x, self.near, self.own_face, self.other_face, self.let_go, self.face, self.barycentric]
-        outputs += [self.lean, self.clearance, self.distance, self.pinched, self.planes[0], self.planes[2], self.floor]
-        wp.launch(query.find_contacts, self.count, inputs, outputs, device=self.device)
+        outputs += [self.lean, self.clearance, self.distance, self.pinched, point, normal, self.direction]
+        outputs += [self.keepable, self.floor]
+        wp.launch(instance(query.find_contacts, width), self.count, inputs, outputs, device=self.device)
         if passes:
             self._lift(inverse_mass, parameters, x)
 
     def _lift(self, inverse_mass: wp.array, parameters: wp.array, x: wp.array) -> None:
         """Lift triangles that the body pokes through off it."""
-        point = self.planes[0]
+        width = len(self.skeleton.lane_motion)
         thickness = parameters[int(THICKNESS) : int(THICKNESS) + 1]
-        inputs = [self.edges, self.near, inverse_mass, self.clearance, self.distance, point, x, thickness]
-        wp.launch(pokes.raise_floors, len(self.edges), inputs, [self.floor], device=self.device)
-        inputs = [self.near, inverse_mass, point, self.floor]
+        inputs = [self.edges, self.near, inverse_mass, self.clearance, self.distance, self.direction, x, thickness]
+        wp.launch(instance(pokes.raise_floors, width), len(self.edges), inputs, [self.floor], device=self.device)
+        inputs = [self.near, inverse_mass, self.direction, self.floor]
         outputs = [self.clearance, self.distance, x]
-        wp.launch(pokes.lift_to_floors, self.count, inputs, outputs, device=self.device)
+        wp.launch(instance(pokes.lift_to_floors, width), self.count, inputs, outputs, device=self.device)
 
     def forget(self) -> None:
         """Drop the cached contacts, before the garment is put somewhere else."""
@@ -185,85 +182,9 @@ class BodyContact:
             face.fill_(-1)
         self.distance.zero_()
         self.floor.zero_()
+        self.keepable.zero_()
         self.let_go.zero_()
         self._turn = 0
-
-
-_NO_ENTRY = 2**31 - 1
-
-
-def _plant(bind: np.ndarray, faces: np.ndarray, regions: np.ndarray, motions: int, device: str) -> Seeds:
-    """Seeds spread evenly over the body, and an empty grid for them."""
-    face, weight = _spread(bind, faces, 0.5 * SEED_SPACING)
-    spots = np.einsum("sk,skc->sc", weight, bind[faces[face]])
-    spacing = SEED_SPACING
-    chosen = _thinned(spots, spacing)
-    while len(chosen) > 2**SEED_BITS:
-        spacing *= 1.2
-        chosen = chosen[_thinned(spots[chosen], spacing)]
-    face, weight = face[chosen], weight[chosen]
-    count = int(regions.max()) + 1
-    extent = max(np.ptp(bind[faces[regions == r]].reshape(-1, 3), axis=0).max() for r in range(count))
-    seeds = Seeds()
-    seeds.face = wp.array(face.astype(np.int32), dtype=int, device=device)
-    seeds.region = wp.array(regions[face].astype(np.int32), dtype=int, device=device)
-    seeds.weight = wp.array(weight.astype(np.float32), dtype=wp.vec3, device=device)
-    seeds.point = wp.zeros(motions * len(face), dtype=wp.vec3, device=device)
-    seeds.count, seeds.regions, seeds.stamp = len(face), count, STAMPS
-    seeds.cells = 2 ** int(np.ceil(np.log2(max(1.5 * extent / CELL, 8.0))))
-    seeds.grid = wp.full(motions * seeds.cells**3 * seeds.regions, _NO_ENTRY, dtype=int, device=device)
-    return seeds
-
-
-def _pieces(centres: np.ndarray, regions: np.ndarray) -> np.ndarray:
-    """Limbs cut where they are long and the trunk down the middle, for a walk does not cross clefts, shape [F]."""
-    pieces = []
-    waiting = [np.flatnonzero(regions == r) for r in np.unique(regions)]
-    while waiting:
-        faces = waiting.pop()
-        low, high = centres[faces].min(axis=0), centres[faces].max(axis=0)
-        axis, middle = int(np.argmax(high - low)), 0.5 * (low + high)
-        if low[0] < -0.05 and high[0] > 0.05:
-            axis, middle[0] = 0, 0.0
-        elif high[axis] - low[axis] < LONGEST_PIECE:
-            pieces.append(faces)
-            continue
-        beyond = centres[faces, axis] > middle[axis]
-        waiting += [faces[beyond], faces[~beyond]]
-    if len(pieces) > 31:  # a bit each
-        return regions
-    label = np.zeros(len(regions), dtype=np.int32)
-    for number, faces in enumerate(pieces):
-        label[faces] = number
-    return label
-
-
-def _spread(points: np.ndarray, faces: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Faces and weights of points that lie on every face, at most ``spacing`` apart on it."""
-    corner = points[faces]
-    longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
-    pieces = np.clip(np.ceil(longest / spacing), 1, 64).astype(int)
-    which, weights = [], []
-    for n in np.unique(pieces):
-        i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
-        i, j = i[i + j < n], j[i + j < n]
-        grid = np.stack([i, j, n - 1 - i - j], axis=1) + 1.0 / 3.0
-        members = np.flatnonzero(pieces == n)
-        which.append(np.repeat(members, len(grid)))
-        weights.append(np.tile(grid / n, (len(members), 1)))
-    return np.concatenate(which), np.concatenate(weights)
-
-
-def _thinned(points: np.ndarray, spacing: float) -> np.ndarray:
-    """Points of which no two are nearer than ``spacing``, the first ones first."""
-    tree = cKDTree(points)
-    alive = np.ones(len(points), dtype=bool)
-    for i in range(len(points)):
-        if alive[i]:
-            near = tree.query_ball_point(points[i], spacing)
-            alive[near] = False
-            alive[i] = True
-    return np.flatnonzero(alive)
 
 
 def sag(edges: np.ndarray, edge_length: np.ndarray, vertex_count: int) -> np.ndarray:

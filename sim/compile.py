@@ -7,10 +7,11 @@ import importlib
 
 import warp as wp
 
-_SOLVER = ("membrane", "bending", "normals", "integrate", "contact", "seeds", "query", "pokes", "tethers")
+_CLOTH = ("membrane", "bending", "tethers", "normals", "integrate")
+_BODY = ("contact", "seeds", "kept_contacts", "query", "pokes")
 _METERS = ("strain", "body_crossings")
 _SELF_CONTACT = ("self_contact", "self_detection", "self_features", "untangle")
-_GENERIC = tuple(f"sim.kernels.{name}" for name in (*_SOLVER, *_METERS, *_SELF_CONTACT))
+_GENERIC = tuple(f"sim.kernels.{name}" for name in (*_CLOTH, *_BODY, *_METERS, *_SELF_CONTACT))
 _PACKED = tuple(f"sim.kernels.packed_{name}" for name in ("membrane", "bending", "motion"))
 _IMPLICIT = tuple(
     f"sim.implicit.{name}" for name in ("force_kernels", "linear_system", "contact_kernels", "strain_limits")

@@ -85,7 +85,6 @@ def carry_planes(
     body_count: int,
     lane_motion: wp.array(dtype=int),
     shift: wp.array(dtype=wp.vec3),
-    near: wp.array(dtype=int),
     faces: wp.array(dtype=wp.vec4i),
     face: wp.array(dtype=int),
     barycentric: wp.array(dtype=wp.vec3),
@@ -99,8 +98,6 @@ def carry_planes(
 ):
     """Contact plane of each vertex over the interval, from where the query left it: its travel [m] and turn."""
     i = wp.tid()
-    if near[i] == 0:
-        return
     lanes = lane_motion.shape[0]
     point = plane_point[i]
     travel = plane_travel[i]

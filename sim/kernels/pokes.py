@@ -18,8 +18,6 @@ wp.set_module_options(LANE_OPTIONS)
 
 # Least that is left of the distance, as a share of the thickness.
 _MARGIN = wp.constant(0.3)
-# Nearer than this to the surface [m], the way from it to the vertex is rounding noise.
-_TOUCHING = wp.constant(1.0e-4)
 # Floors are not raised above this [m].
 _HIGHEST = wp.constant(0.015)
 # Outward directions at the two ends that meet at more than this (cosine) face each other.
@@ -33,7 +31,7 @@ def raise_floors(
     inverse_mass: wp.array(dtype=float),
     clearance: wp.array(dtype=Any),
     distance: wp.array(dtype=Any),
-    plane_point: wp.array(dtype=Any),
+    direction: wp.array(dtype=Any),
     x: wp.array(dtype=Any),
     thickness: wp.array(dtype=Any),
     floor: wp.array(dtype=Any),
@@ -52,8 +50,8 @@ def raise_floors(
     from_j = distance[j]
     p = x[i]
     q = x[j]
-    a = plane_point[i]
-    b = plane_point[j]
+    a = direction[i]
+    b = direction[j]
     thick = thickness[0]
     floor_i = floor[i]
     floor_j = floor[j]
@@ -65,16 +63,14 @@ def raise_floors(
         ey = q[y] - p[y]
         ez = q[z] - p[z]
         # How far the edge comes down on the plane at i from there to j, and on that at j the other way.
-        down = (p[k] - a[k]) * ex + (p[y] - a[y]) * ey + (p[z] - a[z]) * ez
-        up = (b[k] - q[k]) * ex + (b[y] - q[y]) * ey + (b[z] - q[z]) * ez
-        down = wp.min(down / wp.where(wp.abs(from_i[k]) > _TOUCHING, from_i[k], 1.0), -1.0e-6)
-        up = wp.min(up / wp.where(wp.abs(from_j[k]) > _TOUCHING, from_j[k], 1.0), -1.0e-6)
+        down = wp.min(a[k] * ex + a[y] * ey + a[z] * ez, -1.0e-6)
+        up = wp.min(-(b[k] * ex + b[y] * ey + b[z] * ez), -1.0e-6)
         t = wp.clamp((from_j[k] + up - from_i[k]) / (down + up), 0.0, 1.0)
         s = 1.0 - t
         left = wp.max(from_i[k] + t * down, from_j[k] + s * up)
-        facing = (p[k] - a[k]) * (q[k] - b[k]) + (p[y] - a[y]) * (q[y] - b[y]) + (p[z] - a[z]) * (q[z] - b[z])
+        facing = a[k] * b[k] + a[y] * b[y] + a[z] * b[z]
         # Where the surfaces face each other, in the crook of a knee, nothing pokes through: there is a fold.
-        bent = facing > _FOLDED * from_i[k] * from_j[k]
+        bent = facing > _FOLDED
         lift = wp.where(bent and wp.min(gap_i[k], gap_j[k]) > -1.0, wp.max(_MARGIN * thick[k] - left, 0.0), 0.0)
         over = lift / (s * s * free_i + t * t * free_j + 1.0e-6)
         floor_i[k] = wp.max(floor_i[k], wp.where(lift > 0.0, wp.min(from_i[k] + s * over, _HIGHEST), 0.0))
@@ -87,7 +83,7 @@ def raise_floors(
 def lift_to_floors(
     near: wp.array(dtype=int),
     inverse_mass: wp.array(dtype=float),
-    plane_point: wp.array(dtype=Any),
+    direction: wp.array(dtype=Any),
     floor: wp.array(dtype=Any),
     clearance: wp.array(dtype=Any),
     distance: wp.array(dtype=Any),
@@ -97,7 +93,7 @@ def lift_to_floors(
     i = wp.tid()
     if near[i] == 0 or inverse_mass[i] == 0.0:
         return
-    point = plane_point[i]
+    out = direction[i]
     floors = floor[i]
     gap = clearance[i]
     far = distance[i]
@@ -107,10 +103,9 @@ def lift_to_floors(
         y = lanes + k
         z = 2 * lanes + k
         lift = wp.where(gap[k] > -1.0, wp.max(floors[k] - far[k], 0.0), 0.0)
-        part = lift / wp.where(wp.abs(far[k]) > _TOUCHING, far[k], 1.0)
-        position[k] = position[k] + (position[k] - point[k]) * part
-        position[y] = position[y] + (position[y] - point[y]) * part
-        position[z] = position[z] + (position[z] - point[z]) * part
+        position[k] = position[k] + out[k] * lift
+        position[y] = position[y] + out[y] * lift
+        position[z] = position[z] + out[z] * lift
         far[k] = far[k] + lift
         gap[k] = gap[k] + lift
     x[i] = position
@@ -119,6 +114,6 @@ def lift_to_floors(
 
 
 for _width in WIDTHS:
-    _kinds = {"clearance": "scalars", "distance": "scalars", "floor": "scalars", "plane_point": "vectors"}
+    _kinds = {"clearance": "scalars", "distance": "scalars", "floor": "scalars", "direction": "vectors"}
     declare(raise_floors, _width, x="vectors", thickness="scalars", **_kinds)
     declare(lift_to_floors, _width, x="vectors", **_kinds)

@@ -1,7 +1,8 @@
 """Closest points of the body to the garment's vertices, at the end of a query interval.
 
-A vertex *walks* over the surface from the face of the last query, and from the seeds of ``sim.kernels.seeds`` where
-another limb may have come nearer or where it had no face.
+A vertex whose contact still holds (``sim.kernels.kept_contacts``) keeps it. Any other *walks* over the surface from the
+face of the last query, and from the seeds of ``sim.kernels.seeds`` where another limb may have come nearer or where it
+had no face.
 
 Every vertex belongs to some parts of the body, and follows its own surface whatever happens. It also collides with the
 rest of the body, where there is room for that: between two surfaces that face each other across less than twice the
@@ -14,238 +15,43 @@ from typing import Any
 
 import warp as wp
 
-from sim.kernels.contact import FAR, blend
+from sim.kernels.contact import FAR
+from sim.kernels.kept_contacts import AHEAD
 from sim.kernels.lanes import LANE_OPTIONS, WIDTHS, declare
 from sim.kernels.parameters import DT, THICKNESS
-from sim.kernels.seeds import Seeds, cell_at, seed_in
+from sim.kernels.seeds import Seeds, cell_at, holds_now, seed_of
+from sim.kernels.surface_walk import (
+    ALIGNED,
+    FOLLOWED,
+    TOUCHING,
+    Hit,
+    Surface,
+    bit_of,
+    follow,
+    is_own,
+    nearer,
+    pinches,
+    walk,
+    way_out,
+    way_towards,
+)
 
 wp.set_module_options(LANE_OPTIONS)
 
-# A vertex whose direction from its closest point leans further than this (cosine) from the smooth normal is beside
-# the surface, not above or below it.
-_ALIGNED = wp.constant(0.5)
-# Below this distance [m] the direction from the closest point is rounding noise and the normal decides alone.
-_TOUCHING = wp.constant(1.0e-4)
-_LONGEST_WALK = wp.constant(24)
-_LONGEST_CIRCLE = wp.constant(8)
-# A vertex that is not followed has no walk to start from: so far [m] it is followed, as cells reach.
-_FOLLOWED = wp.constant(0.10)
-# Contact is kept within the reach and this much [1] of the way that body and vertex went relative to each other.
-_AHEAD = wp.constant(1.5)
+_FOLLOWED = wp.constant(FOLLOWED)
 # A seed may be this much farther [m] than the closest point on the same limb, or hardly ever is: it is near the middle
 # of the cell, not near the vertex.
 _SEED_SLACK = wp.constant(0.06)
 # Cloth this near its own surface [m] has no room for another limb that comes from behind: it is enough to look close.
 _SNUG = wp.constant(0.01)
 _SNUG_SLACK = wp.constant(0.025)
-# What is left of a raised floor after a query [1].
-_FORGET = wp.constant(0.95)
+# A limb lies below the plane that touches it at a seed, but for dents this deep [m].
+_DENT = wp.constant(0.01)
 # How near another part of the body must be to matter [m].
 _OTHER_REACH = wp.constant(0.05)
-# Cloth deeper [m] in a part of the body that it does not belong to is nearer to the wrong side of a forearm or hand.
-_DEEPEST_PUSH = wp.constant(0.015)
 # Cloth on a limb that is not its own, stretched to this multiple [1] of its length at rest, lets go of it for a while.
 _TORN = wp.constant(1.5)
 _LET_GO = wp.constant(16)  # queries
-# Normals that meet at more than this (cosine) face each other.
-_OPPOSED = wp.constant(-0.2)
-
-
-@wp.struct
-class Surface:
-    """The stacked bodies: faces with their parts and region, and the faces across the edges 12, 20 and 01 of each."""
-
-    faces: wp.array(dtype=wp.vec4i)  # corners, then parts as bits and region << 16
-    neighbours: wp.array(dtype=wp.vec3i)
-    start: wp.array(dtype=wp.vec3)
-    points: wp.array(dtype=wp.vec3)
-    normals: wp.array(dtype=wp.vec3)
-    joined: wp.array(dtype=int)  # regions that each region borders on, as bits
-    body_count: int
-
-
-@wp.struct
-class Hit:
-    """Closest point of a vertex on a part of the body."""
-
-    face: int  # -1: none
-    barycentric: wp.vec3
-    point: wp.vec3
-    normal: wp.vec3  # smooth
-    distance: float  # signed [m], negative inside
-
-
-@wp.func
-def closest_on_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3, p: wp.vec3):
-    """Barycentric coordinates of the closest point of a triangle (Ericson 2005, section 5.1.5)."""
-    ab = b - a
-    ac = c - a
-    ap = p - a
-    d1 = wp.dot(ab, ap)
-    d2 = wp.dot(ac, ap)
-    if d1 <= 0.0 and d2 <= 0.0:
-        return wp.vec3(1.0, 0.0, 0.0)
-    bp = p - b
-    d3 = wp.dot(ab, bp)
-    d4 = wp.dot(ac, bp)
-    if d3 >= 0.0 and d4 <= d3:
-        return wp.vec3(0.0, 1.0, 0.0)
-    vc = d1 * d4 - d3 * d2
-    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        t = d1 / (d1 - d3)
-        return wp.vec3(1.0 - t, t, 0.0)
-    cp = p - c
-    d5 = wp.dot(ab, cp)
-    d6 = wp.dot(ac, cp)
-    if d6 >= 0.0 and d5 <= d6:
-        return wp.vec3(0.0, 0.0, 1.0)
-    vb = d5 * d2 - d1 * d6
-    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        t = d2 / (d2 - d6)
-        return wp.vec3(1.0 - t, 0.0, t)
-    va = d3 * d6 - d5 * d4
-    if va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        t = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        return wp.vec3(0.0, 1.0 - t, t)
-    over = 1.0 / (va + vb + vc)
-    return wp.vec3(va * over, vb * over, vc * over)
-
-
-@wp.func
-def is_own(corner: wp.vec4i, owned: int):
-    """1 where a face belongs to one of the owned parts, else 0."""
-    return wp.where((corner[3] & owned) != 0, 1, 0)
-
-
-@wp.func
-def walk(s: Surface, first: int, start: int, position: wp.vec3, owned: int, own: int):
-    """From a face to the neighbour that comes nearer, until none does: the hit there.
-
-    The walk stays on owned faces (``own`` = 1) or on others (0). Past the rim of these, an open surface, there is no
-    hit for a vertex that seems to lie below it.
-    """
-    hit = Hit()
-    hit.face = start
-    corner = s.faces[start]
-    barycentric = closest_on_triangle(
-        s.points[first + corner[0]], s.points[first + corner[1]], s.points[first + corner[2]], position
-    )
-    point = blend(s.points, first, corner, barycentric)
-    beyond = barycentric
-    distance = wp.length_sq(position - point)
-    circled = int(0)
-    rim = int(0)
-    for _ in range(_LONGEST_WALK):
-        if barycentric[0] > 0.0 and barycentric[1] > 0.0 and barycentric[2] > 0.0:
-            break
-        across = s.neighbours[hit.face]
-        onward = int(-1)
-        aside = int(-1)
-        rim = int(0)
-        for edge in range(3):
-            if barycentric[edge] == 0.0 and onward < 0:
-                other = across[edge]
-                within = int(0)
-                if other >= 0:
-                    c = s.faces[other]
-                    if is_own(c, owned) == own:
-                        within = 1
-                        b = closest_on_triangle(
-                            s.points[first + c[0]], s.points[first + c[1]], s.points[first + c[2]], position
-                        )
-                        d = wp.length_sq(position - blend(s.points, first, c, b))
-                        if d < distance * 0.99999:
-                            onward = other
-                            barycentric = b
-                            distance = d
-                        elif barycentric[(edge + 1) % 3] == 0.0:
-                            aside = other
-                            beyond = b
-                if within == 0:
-                    rim = 1
-        if onward >= 0:
-            hit.face = onward
-            circled = 0
-        elif aside >= 0 and circled < _LONGEST_CIRCLE:
-            # The closest point is a vertex: a nearer face may come further around it.
-            hit.face = aside
-            barycentric = beyond
-            circled += 1
-        else:
-            break
-    corner = s.faces[hit.face]
-    hit.barycentric = barycentric
-    hit.point = blend(s.points, first, corner, barycentric)
-    hit.normal = wp.normalize(blend(s.normals, first, corner, barycentric))
-    away = position - hit.point
-    length = wp.length(away)
-    above = wp.dot(away, hit.normal)
-    hit.distance = wp.where(above < 0.0, -length, length)
-    if rim == 1 and above < 0.0 and -above <= _ALIGNED * length and length >= _TOUCHING:
-        hit.face = -1
-    return hit
-
-
-@wp.func
-def follow(s: Surface, first: int, last: int, position: wp.vec3, owned: int, own: int):
-    """The hit of a walk from the face of the last query, if there was one and it is not far by now."""
-    hit = Hit()
-    hit.face = -1
-    if last >= 0:
-        hit = walk(s, first, last, position, owned, own)
-        if wp.abs(hit.distance) > _FOLLOWED:
-            hit.face = -1
-    return hit
-
-
-@wp.func
-def nearer(one: Hit, another: Hit):
-    """The nearer of two hits, each of which may be none, or far by mistake: cells repeat in space."""
-    best = one
-    distance = wp.abs(another.distance)
-    if another.face >= 0 and distance < _FOLLOWED and (one.face < 0 or distance < wp.abs(one.distance)):
-        best = another
-    return best
-
-
-@wp.func
-def bit_of(s: Surface, hit: Hit):
-    """The bit of the region that a hit lies in, 0 for none."""
-    bit = int(0)
-    if hit.face >= 0:
-        bit = 1 << (s.faces[hit.face][3] >> 16)
-    return bit
-
-
-@wp.func
-def way_out(hit: Hit, position: wp.vec3):
-    """Direction from the closest point to the outside."""
-    away = hit.normal
-    if wp.abs(hit.distance) > _TOUCHING:
-        away = (position - hit.point) / hit.distance
-    return away
-
-
-@wp.func
-def pinches(s: Surface, own: Hit, other: Hit, thickness: float):
-    """Whether there is too little room for cloth between its own surface and another, or it is deep in that.
-
-    On the limb next to its own, below a bulging shoulder, cloth has room still: that skin looks the same way.
-    """
-    tight = other.distance < -_DEEPEST_PUSH
-    if own.face >= 0 and not tight:
-        if own.distance + other.distance < 2.0 * thickness:
-            here = s.faces[own.face][3] >> 16
-            there = s.faces[other.face][3] >> 16
-            joined = (s.joined[here] >> there) & 1
-            tight = joined == 0 or wp.dot(own.normal, other.normal) < _OPPOSED
-    return tight
-
-
-@wp.func
-def way_towards(s: Surface, first: int, hit: Hit, step: wp.vec3):
-    """How the closest point moved in the last interval relative to a vertex that moved by ``step`` [m]."""
-    return hit.point - blend(s.start, first, s.faces[hit.face], hit.barycentric) - step
 
 
 @wp.kernel
@@ -266,6 +72,7 @@ def find_contacts(
     seeds: Seeds,
     parameters: wp.array(dtype=Any),
     v: wp.array(dtype=Any),
+    kept: wp.array(dtype=Any),
     x: wp.array(dtype=Any),
     near: wp.array(dtype=int),
     own_face: wp.array(dtype=int),
@@ -279,6 +86,8 @@ def find_contacts(
     pinched: wp.array(dtype=Any),
     plane_point: wp.array(dtype=Any),
     plane_normal: wp.array(dtype=Any),
+    direction: wp.array(dtype=Any),
+    keepable: wp.array(dtype=Any),
     floor: wp.array(dtype=Any),
 ):
     """End an interval: move vertices that are too deep out to the thickness and cache their closest points.
@@ -292,12 +101,16 @@ def find_contacts(
         owned: Parts of the body that each vertex belongs to, as bits.
         first_neighbour, neighbour, spacing: Neighbours of each vertex in the garment, and how far they are at rest [m].
         let_go: Queries that a vertex still does without parts of the body that are not its own.
+        kept: What ``keep_contacts`` found: 2, 1 or 0.
         own_face, other_face: Where the walks on owned and on other parts ended, -1 for none; kept from query to query.
         face: Face of the contact plane, -1 for none.
         distance: Signed distance to the body [m]; of a vertex out of reach, a lower bound.
         pinched: 1 where a vertex is pinched, else 0.
         plane_point, plane_normal: Closest point of the contact plane [m] and smooth normal there.
-        floor: Distance that vertices keep where the body would poke through the triangles around them [m].
+        direction: Unit vector from the closest point to the outside.
+        keepable: 1 where the contact may be kept for as long as the vertex hardly slides, 0 where not.
+        floor: Distance that vertices keep [m], more than thickness and standoff where the body would poke through the
+            triangles around them.
     """
     i = wp.tid()
     positions = x[i]
@@ -306,8 +119,11 @@ def find_contacts(
     pinches_here = pinched[i]
     points = plane_point[i]
     normals = plane_normal[i]
+    outward = direction[i]
+    plain = keepable[i]
     floors = floor[i]
     velocities = v[i]
+    holds = kept[i]
     thickness = parameters[THICKNESS]
     dt = parameters[DT]
     lanes = lane_motion.shape[0]
@@ -320,39 +136,73 @@ def find_contacts(
         position = wp.vec3(positions[k], positions[lanes + k], positions[2 * lanes + k])
         motion = lane_motion[k]
         first = motion * surface.body_count
-        own = follow(surface, first, own_face[c], position, parts, 1)
-        other = follow(surface, first, other_face[c], position, parts, 0)
+        last = own_face[c]
         loose = wp.max(let_go[c] - 1, 0)
         base = cell_at(seeds.cells, motion, position) * seeds.regions
         if base != known:
             known = base
             present = int(0)
             for r in range(seeds.regions):
-                if seed_in(seeds, seeds.grid[base + r]) >= 0:
-                    present = present | (1 << r)
-        if (i + k) % turns == turn:
-            strange = present
+                present = present | (holds_now(seeds, seeds.grid[base + r]) << r)
+        strange = present
+        reached = int(0)  # regions that a walk comes to by itself, but for what faces the other way
+        held = int(0)
+        if (i & (turns - 1)) != turn:
+            strange = present & ~(bit_of(surface, last) | bit_of(surface, other_face[c]))
+            held = int(holds[k])
+            if last >= 0:
+                reached = surface.joined[surface.faces[last][3] >> 16]
+
+        # The most promising seeds of limbs that are not followed.
+        own_start = int(-1)
+        other_start = int(-1)
+        own_nearest = float(1.0)
+        other_nearest = float(1.0)
+        so_far = wp.where(last < 0, _FOLLOWED, wp.abs(distances[k]))
+        slack = wp.where(so_far < _SNUG, _SNUG_SLACK, _SEED_SLACK)
+        while strange != 0:
+            r = int(wp.log2(float(strange & -strange)) + 0.5)
+            strange = strange & (strange - 1)
+            seed = seed_of(seeds.grid[base + r])
+            from_seed = position - seeds.point[motion * seeds.count + seed]
+            to_seed = wp.length(from_seed)
+            normal = seeds.normal[motion * seeds.count + seed]
+            height = wp.dot(from_seed, normal) - _DENT
+            start = seeds.face[seed]
+            if is_own(surface.faces[start], parts) == 1:
+                alike = normal[0] * normals[k] + normal[1] * normals[lanes + k] + normal[2] * normals[2 * lanes + k]
+                onward = ((reached >> r) & 1) == 1 and alike > 0.7
+                if not onward and wp.max(to_seed - slack, height) < so_far and to_seed < own_nearest:
+                    own_start = start
+                    own_nearest = to_seed
+            elif wp.max(to_seed - _SEED_SLACK, height) < _OTHER_REACH and to_seed < other_nearest:
+                other_start = start
+                other_nearest = to_seed
+        if held > 0 and own_start < 0 and (other_start < 0 or loose > 0):
+            any_near = wp.where(held > 1, 1, any_near)
+            continue
+
+        own = Hit()
+        other = Hit()
+        other.face = -1
+        if held > 0:
+            own.face = last
+            own.barycentric = barycentric[c]
+            own.point = wp.vec3(points[k], points[lanes + k], points[2 * lanes + k])
+            own.normal = wp.vec3(normals[k], normals[lanes + k], normals[2 * lanes + k])
+            own.distance = distances[k]
         else:
-            strange = present & ~(bit_of(surface, own) | bit_of(surface, other))
-        if strange != 0:
-            for r in range(seeds.regions):
-                if ((strange >> r) & 1) == 1:
-                    seed = seed_in(seeds, seeds.grid[base + r])
-                    start = seeds.face[seed]
-                    to_seed = wp.length(seeds.point[motion * seeds.count + seed] - position)
-                    if is_own(surface.faces[start], parts) == 1:
-                        slack = wp.where(wp.abs(own.distance) < _SNUG, _SNUG_SLACK, _SEED_SLACK)
-                        if to_seed - slack < wp.where(own.face < 0, _FOLLOWED, wp.abs(own.distance)):
-                            own = nearer(own, walk(surface, first, start, position, parts, 1))
-                    elif loose == 0 and to_seed - _SEED_SLACK < _OTHER_REACH:
-                        other = nearer(other, walk(surface, first, start, position, parts, 0))
+            own = follow(surface, first, last, position, parts, 1)
+            other = follow(surface, first, other_face[c], position, parts, 0)
+        if own_start >= 0:
+            own = nearer(own, walk(surface, first, own_start, position, parts, 1))
+        if other_start >= 0 and loose == 0:
+            other = nearer(other, walk(surface, first, other_start, position, parts, 0))
         if loose > 0:
             other.face = -1
         own_face[c] = own.face
         other_face[c] = other.face
 
-        keep = thickness[k] + standoff[i]
-        floors[k] = keep + wp.max(floors[k] - keep, 0.0) * _FORGET
         keep = floors[k]
         pinch = float(0.0)
         hit = own
@@ -398,25 +248,30 @@ def find_contacts(
 
         face[c] = hit.face
         gaps[k] = FAR
+        plain[k] = 0.0
         distances[k] = _FOLLOWED
         pinches_here[k] = pinch
         if hit.face >= 0:
             distances[k] = hit.distance
             way = wp.length(way_towards(surface, first, hit, step))
-            if hit.distance < reach + _AHEAD * way:
+            away = position - hit.point
+            above = wp.dot(away, hit.normal)
+            out = way_out(hit, position)
+            barycentric[c] = hit.barycentric
+            for axis in range(3):
+                points[axis * lanes + k] = hit.point[axis]
+                normals[axis * lanes + k] = hit.normal[axis]
+                outward[axis * lanes + k] = out[axis]
+            leaning = wp.vec3(0.0, 0.0, 0.0)
+            if hit.distance > TOUCHING and above < ALIGNED * hit.distance:
+                # Beside a pointed feature: the smooth normal would claim contact where there is air.
+                leaning = away / hit.distance - hit.normal
+                above = hit.distance
+            elif hit.face == own.face and other.face < 0 and loose == 0:
+                plain[k] = 1.0
+            lean[c] = leaning
+            if hit.distance < reach + AHEAD * way:
                 any_near = 1
-                barycentric[c] = hit.barycentric
-                for axis in range(3):
-                    points[axis * lanes + k] = hit.point[axis]
-                    normals[axis * lanes + k] = hit.normal[axis]
-                away = position - hit.point
-                above = wp.dot(away, hit.normal)
-                leaning = wp.vec3(0.0, 0.0, 0.0)
-                if hit.distance > _TOUCHING and above < _ALIGNED * hit.distance:
-                    # Beside a pointed feature: the smooth normal would claim contact where there is air.
-                    leaning = away / hit.distance - hit.normal
-                    above = hit.distance
-                lean[c] = leaning
                 # Where the smooth normal's plane lies nearer than the surface itself, keep that gap: closing it would
                 # be a kick.
                 gaps[k] = wp.min(keep, above)
@@ -427,10 +282,12 @@ def find_contacts(
     pinched[i] = pinches_here
     plane_point[i] = points
     plane_normal[i] = normals
-    floor[i] = floors
+    direction[i] = outward
+    keepable[i] = plain
 
 
 for _width in WIDTHS:
     _kinds = {"parameters": "scalars", "v": "vectors", "x": "vectors", "clearance": "scalars", "distance": "scalars"}
     _kinds |= {"pinched": "scalars", "floor": "scalars", "plane_point": "vectors", "plane_normal": "vectors"}
+    _kinds |= {"kept": "scalars", "keepable": "scalars", "direction": "vectors"}
     declare(find_contacts, _width, **_kinds)

@@ -26,6 +26,7 @@ STAMPS = 2 ** (31 - SEED_BITS - DISTANCE_BITS) - 1
 
 _CELL = wp.constant(CELL)
 _SEEDS = wp.constant(2**SEED_BITS)
+_STAMP_SHIFT = wp.constant(SEED_BITS + DISTANCE_BITS)
 _DISTANCES = wp.constant(2**DISTANCE_BITS)
 _FINENESS = wp.constant(2**DISTANCE_BITS / (4.0 * CELL))
 
@@ -38,6 +39,7 @@ class Seeds:
     region: wp.array(dtype=int)  # of the body, that each seed lies in
     weight: wp.array(dtype=wp.vec3)  # where on the face
     point: wp.array(dtype=wp.vec3)  # where now, motion after motion
+    normal: wp.array(dtype=wp.vec3)  # smooth, there
     grid: wp.array(dtype=int)  # entries, region within cell within motion
     count: int  # seeds of one motion
     regions: int
@@ -59,21 +61,33 @@ def cell_at(cells: int, motion: int, p: wp.vec3):
 
 
 @wp.func
-def seed_in(seeds: Seeds, entry: int):
-    """The seed of an entry, -1 for one that does not hold any more."""
-    if entry // (_SEEDS * _DISTANCES) != seeds.stamp:
-        return -1
-    return entry % _SEEDS
+def holds_now(seeds: Seeds, entry: int):
+    """1 for an entry of the last planting, 0 for an older one."""
+    return wp.where((entry >> _STAMP_SHIFT) == seeds.stamp, 1, 0)
+
+
+@wp.func
+def seed_of(entry: int):
+    """The seed of an entry."""
+    return entry & (_SEEDS - 1)
 
 
 @wp.kernel
-def plant_seeds(faces: wp.array(dtype=wp.vec4i), body_count: int, points: wp.array(dtype=wp.vec3), seeds: Seeds):
+def plant_seeds(
+    faces: wp.array(dtype=wp.vec4i),
+    body_count: int,
+    points: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    seeds: Seeds,
+):
     """Put every seed into its cell and the 26 around it, where none of its region is nearer to the middle."""
     i = wp.tid()
     motion = i // seeds.count
     seed = i - motion * seeds.count
-    p = blend(points, motion * body_count, faces[seeds.face[seed]], seeds.weight[seed])
+    corner = faces[seeds.face[seed]]
+    p = blend(points, motion * body_count, corner, seeds.weight[seed])
     seeds.point[i] = p
+    seeds.normal[i] = wp.normalize(blend(normals, motion * body_count, corner, seeds.weight[seed]))
     region = seeds.region[seed]
     x = int(wp.floor(p[0] / _CELL))
     y = int(wp.floor(p[1] / _CELL))
