@@ -51,8 +51,8 @@ class PackedSubstep:
             inputs = [first, span, self.triangles.items, s.parameters, s.x]
             self._launch(packed_membrane.damp_packed_membrane, count, inputs, [s.v])
         for first, count in self.hinges.ranges:
-            inputs = [first, span, self.hinges.items, s.parameters]
-            self._launch(packed_bending.damp_packed_bending, count, inputs, [s.v])
+            inputs = [first, span, 1, self.hinges.items, s.parameters]
+            self._launch(packed_bending.solve_packed_bending, count, inputs, [s.v])
 
     def begin(self) -> None:
         """Predict where the vertices go by themselves."""
@@ -71,11 +71,12 @@ class PackedSubstep:
         """Bending of ``span`` substeps: hinges, colour by colour."""
         s = self.state
         for first, count in self.hinges.ranges:
-            inputs = [first, span, self.hinges.items, s.parameters]
+            inputs = [self.hinges.items, s.parameters]
             if creased:
-                self._launch(packed_bending.solve_packed_creased_bending, count, [*inputs, self.crease], [s.x])
+                inputs = [first, span, *inputs, self.crease]
+                self._launch(packed_bending.solve_packed_creased_bending, count, inputs, [s.x])
             else:
-                self._launch(packed_bending.solve_packed_bending, count, inputs, [s.x])
+                self._launch(packed_bending.solve_packed_bending, count, [first, span, 0, *inputs], [s.x])
 
     def end(self, fraction: float, step: float, goes_on: bool) -> None:
         """Contact at ``fraction`` of the interval, velocities and, where it ``goes_on``, the next :meth:`begin`."""

@@ -1,7 +1,7 @@
 """The vertices of a single world on a CPU, sixteen successive ones a thread, from one substep into the next.
 
 Same arithmetic as ``integrate`` and ``contact``, but contact, velocity and the next prediction in one pass over memory:
-all of it takes 3 ns a vertex instead of 18. The last pack ends with the last vertex; what it shares with the one before
+all of it takes 4 ns a vertex instead of 17. The last pack ends with the last vertex; what it shares with the one before
 is left to that. (A way of its own for a pack that is not full would double the time of all the others, for the compiler
 then no longer keeps the lanes in registers.)
 """
