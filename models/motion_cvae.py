@@ -33,9 +33,6 @@ class MotionCVAEConfig:
         layers: Transformer encoder layers N, in the encoder and again in the decoder.
         heads, feed_forward, dropout: Of each layer.
         label_hidden: Hidden width of the label MLP.
-        frames_per_token: Frames that share a token (paper: 1). Above 1 the decoder's tokens are the control points of
-            uniform cubic B-splines, so that no seam shows. Motion at 30 Hz is smooth, and a quarter of the tokens
-            trains three times as fast on a CPU.
         kl_weight: Weight of the KL term (lambda_KL).
         vertex_weight: Weight of the vertex term; 0 trains without it (Table 8).
     """
@@ -47,14 +44,11 @@ class MotionCVAEConfig:
     feed_forward: int = 1024
     dropout: float = 0.1
     label_hidden: int = 128
-    frames_per_token: int = 1
     kl_weight: float = 1.0e-5
     vertex_weight: float = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", checked_labels(self.labels))
-        if self.frames_per_token < 1:
-            raise ValueError(f"motion CVAE: frames_per_token must be at least 1, got {self.frames_per_token}")
 
 
 class MotionCVAE(SequenceCVAE):
@@ -66,7 +60,7 @@ class MotionCVAE(SequenceCVAE):
         self.label_tokens = nn.Sequential(
             nn.Linear(count, config.label_hidden), nn.ReLU(), nn.Linear(config.label_hidden, 2 * d)
         )
-        self.pose_in = nn.Linear(POSE_SIZE * config.frames_per_token, d)
+        self.pose_in = nn.Linear(POSE_SIZE, d)
         self.encoder = nn.ModuleList(self._layer() for _ in range(config.layers))
         self.label_bias = nn.Parameter(torch.randn(count, d))
         self.decoder = nn.ModuleList(self._layer() for _ in range(config.layers))
@@ -77,13 +71,8 @@ class MotionCVAE(SequenceCVAE):
         return EncoderLayer(c.width, c.heads, c.feed_forward, c.dropout)
 
     def encode(self, pose6d: Tensor, labels: Tensor) -> tuple[Tensor, Tensor]:
-        scaled = self.scaled(pose6d)
         tokens = self.label_tokens(self.one_hot(labels)).unflatten(-1, (2, self.config.width))
-        together = self.config.frames_per_token
-        missing = -scaled.shape[1] % together
-        scaled = torch.cat([scaled, scaled[:, -1:].expand(-1, missing, -1)], dim=1)  # the last pose is held
-        grouped = scaled.reshape(len(scaled), -1, together * POSE_SIZE)
-        x = torch.cat([tokens, self.pose_in(grouped)], dim=1)  # [N, 2 + T', d], T' = T where a frame is a token
+        x = torch.cat([tokens, self.pose_in(self.scaled(pose6d))], dim=1)  # [N, 2 + T, d]
         x = x + sinusoidal_positions(x.shape[1], x.shape[2], x.device)
         for layer in self.encoder:
             x = layer(x)
@@ -91,22 +80,7 @@ class MotionCVAE(SequenceCVAE):
 
     def decode(self, latent: Tensor, labels: Tensor, frames: int) -> Tensor:
         token = latent + self.label_bias[labels]
-        spline = None
-        if self.config.frames_per_token > 1:
-            spline = spline_basis(frames, self.config.frames_per_token).to(token.device)
-        count = frames if spline is None else spline.shape[1]
-        x = sinusoidal_positions(count, token.shape[1], token.device)[None] + token[:, None]  # [N, T', d]
+        x = sinusoidal_positions(frames, token.shape[1], token.device)[None] + token[:, None]  # [N, T, d]
         for layer in self.decoder:
             x = layer(x)
-        output = self.pose_out(x).float()
-        return self.unscaled(output if spline is None else spline @ output)
-
-
-def spline_basis(frames: int, spacing: int) -> Tensor:
-    """Matrix [frames, K] from control points every ``spacing`` frames to frames: uniform cubic B-splines (C2)."""
-    last = (frames - 1) // spacing
-    time = torch.arange(frames, dtype=torch.float32) / spacing
-    segment = time.long().clamp_max(last)
-    f = time - segment
-    weights = torch.stack([(1 - f) ** 3, 3 * f**3 - 6 * f**2 + 4, -3 * f**3 + 3 * f**2 + 3 * f + 1, f**3], dim=1) / 6.0
-    return torch.zeros(frames, last + 4).scatter_(1, segment[:, None] + torch.arange(4), weights)
+        return self.unscaled(self.pose_out(x))

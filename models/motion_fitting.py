@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,6 +20,7 @@ from models.action2motion import Action2Motion, Action2MotionConfig
 from models.actor import Actor, ActorConfig
 from models.body_layer import BodyLayer
 from models.checkpoint import load_model, save_model
+from models.dense_motion_cvae import DenseMotionConfig, DenseMotionCVAE
 from models.motion_cvae import MotionCVAE, MotionCVAEConfig
 from models.motion_generator import MotionGenerator
 from models.recognition import RecognitionConfig, RecognitionNetwork, recognition_loss
@@ -29,19 +31,32 @@ RECOGNITION_KIND = "recognition"
 
 GENERATORS: dict[str, tuple[type[MotionGenerator], type]] = {
     "motion_cvae": (MotionCVAE, MotionCVAEConfig),
+    "dense": (DenseMotionCVAE, DenseMotionConfig),
     "actor": (Actor, ActorConfig),
     "action2motion": (Action2Motion, Action2MotionConfig),
 }
 """Kinds of motion generators: network and settings."""
-GeneratorConfig = MotionCVAEConfig | ActorConfig | Action2MotionConfig
+GeneratorConfig = MotionCVAEConfig | DenseMotionConfig | ActorConfig | Action2MotionConfig
 
 PAPER_CVAE_TRAINING = TrainingSettings(epochs=5000, learning_rate=1e-4, schedule="plateau")
 PAPER_CVAE_BATCH = 20
 
 
-def generator_kind(variant: str) -> str:
-    """Kind of the generator that a variant of the configuration trains: a baseline by its name, else ours."""
-    return variant if variant in GENERATORS else "motion_cvae"
+_VARIANTS = {"paper": "motion_cvae", "paper-no-vertex-loss": "motion_cvae", "dense-no-vertex-loss": "dense"}
+
+
+def variant_config(variant: str, labels: Sequence[str], pose6d: np.ndarray, **values: Any) -> GeneratorConfig:
+    """Settings of a variant of the configuration, for training poses [N, T, 24, 6]; ``values`` are its own.
+
+    Raises:
+        ValueError: Unknown variant.
+    """
+    kind = _VARIANTS.get(variant, variant)
+    if kind not in GENERATORS:
+        raise ValueError(f"motion CVAE: unknown variant {variant!r}; known: {', '.join([*_VARIANTS, *GENERATORS])}")
+    if kind == "dense":
+        values |= {"frames": pose6d.shape[1], "clips": len(pose6d)}
+    return GENERATORS[kind][1](labels=tuple(labels), **values)
 
 
 def build_generator(config: GeneratorConfig) -> MotionGenerator:
@@ -78,7 +93,7 @@ def fit_motion_cvae(
     prepare(settings)
     model = build_generator(config)
     layer = BodyLayer(body)
-    return _fit(
+    model, log = _fit(
         model,
         lambda rows: model.loss(layer, rows),
         pose6d,
@@ -90,6 +105,8 @@ def fit_motion_cvae(
         progress,
         layer,
     )
+    model.finish(*_tensors(pose6d, labels, config.labels))
+    return model, log
 
 
 def fit_recognition(

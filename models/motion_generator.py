@@ -2,8 +2,8 @@
 
 In: poses in the 6-D form and a label. Out: a pose sequence of that label. Poses alone are generated;
 ``motions.grounding`` derives the root translation. Generators are variational autoencoders conditioned on the label:
-with one latent vector a sequence (``SequenceCVAE``: ``models.motion_cvae``, ``models.actor``) or one a frame
-(``models.action2motion``).
+with one latent vector a sequence (``SequenceCVAE``: ``models.motion_cvae``, ``models.dense_motion_cvae``,
+``models.actor``) or one a frame (``models.action2motion``).
 
 Dimensions: N clips, T frames, d width, C labels.
 """
@@ -58,6 +58,9 @@ class MotionGenerator(nn.Module, ABC):
     @abstractmethod
     def loss(self, body: BodyLayer, batch: tuple[Tensor, Tensor]) -> dict[str, Tensor]:
         """Training loss ("total") and its parts for poses [N, T, 24, 6] and class numbers [N]."""
+
+    def finish(self, pose6d: Tensor, labels: Tensor) -> None:
+        """Called once after training, with its poses [N, T, 24, 6] and class numbers [N]; most have nothing to do."""
 
     def set_scaling(self, pose6d: Tensor) -> None:
         """Take mean and spread from training poses [N, T, 24, 6]; joints that hardly move keep a floor of 0.05."""
@@ -122,7 +125,7 @@ class MotionGenerator(nn.Module, ABC):
 
 
 class SequenceCVAE(MotionGenerator):
-    """Generators with one latent vector a sequence and a standard normal prior.
+    """Generators with one latent vector a sequence.
 
     ``config`` has ``kl_weight`` and ``vertex_weight``.
     """
@@ -134,6 +137,11 @@ class SequenceCVAE(MotionGenerator):
     @abstractmethod
     def decode(self, latent: Tensor, labels: Tensor, frames: int) -> Tensor:
         """6-D poses [N, T, 24, 6] (not yet orthonormal) of latent vectors [N, d] and class numbers [N]."""
+
+    def prior(self, labels: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean and log standard deviation [N, d] of the prior of class numbers [N]: standard normal."""
+        rest = self.pose_mean.new_zeros(len(labels), self.latent_size)
+        return rest, rest
 
     def draw(self, labels: Tensor, frames: int, generator: torch.Generator) -> Tensor:
         return self.decode(torch.randn(len(labels), self.latent_size, generator=generator), labels, frames)
@@ -156,7 +164,7 @@ class SequenceCVAE(MotionGenerator):
         noise = torch.randn_like(mean) if self.training else torch.zeros_like(mean)
         predicted = self.decode(mean + noise * log_deviation.exp(), labels, pose6d.shape[1])
         pose = (predicted - pose6d).square().mean()
-        kl = gaussian_kl(mean, log_deviation, torch.zeros_like(mean), torch.zeros_like(mean)).mean()
+        kl = gaussian_kl(mean, log_deviation, *self.prior(labels)).mean()
         loss = pose + self.config.kl_weight * kl
         parts = {"pose": pose.detach(), "kl": kl.detach()}
         if self.config.vertex_weight > 0.0:

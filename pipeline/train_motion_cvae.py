@@ -5,21 +5,23 @@ In: all motion batches. Out: a model file and the table of losses.
 
 from __future__ import annotations
 
-from models.motion_fitting import GENERATORS, fit_motion_cvae, generator_kind, save_motion_cvae
+from models.motion_fitting import fit_motion_cvae, save_motion_cvae, variant_config
 from pipeline.motion_data import labelled_poses
 from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage
-from pipeline.training_job import TrainingProgress, settings_of, training_settings, work_dir
+from pipeline.training_job import TrainingProgress, training_settings, work_dir
 
 
 def main(job: Job) -> None:
     """Train and save."""
     model, variant = job.spec["model"], job.spec["variant"]
-    _, settings = GENERATORS[generator_kind(variant)]
+    poses, labels = labelled_poses(job, job.inputs, held_out=False)
+    sizes = {name: value for name, value in model.items() if name not in ("batch", "training")}
     cvae, _ = fit_motion_cvae(
-        *labelled_poses(job, job.inputs, held_out=False),
+        poses,
+        labels,
         job_body(job),
-        settings_of(settings, model, labels=tuple(job.spec["labels"])),
+        variant_config(variant, job.spec["labels"], poses, **sizes),
         training_settings(job, model),
         model["batch"],
         work_dir(job.outputs[1]),

@@ -11,7 +11,7 @@ import torch
 from body.model import Body
 from geometry.rotations import axis_angle_to_6d, matrix_from_6d
 from models.body_layer import BodyLayer
-from models.motion_cvae import MotionCVAE, MotionCVAEConfig, spline_basis
+from models.motion_cvae import MotionCVAE, MotionCVAEConfig
 from models.motion_fitting import (
     fit_motion_cvae,
     fit_recognition,
@@ -86,24 +86,6 @@ def test_label_alone_changes_the_output(trained: MotionCVAE) -> None:
 
 def test_any_length_can_be_generated(trained: MotionCVAE) -> None:
     assert trained.sample(["walk"], 25, torch.Generator().manual_seed(0)).shape == (1, 25, 24, 6)
-
-
-def test_tokens_of_several_frames_keep_length_and_show_no_seam() -> None:
-    torch.manual_seed(0)
-    model = MotionCVAE(MotionCVAEConfig(LABELS, **SIZES, frames_per_token=4))
-    poses, labels = labelled_motions(2, frames=10)
-    assert model.reconstruct(poses, labels).shape == poses.shape
-    with torch.no_grad():
-        smooth = model.eval().decode(torch.randn(1, 32), torch.tensor([0]), 41).numpy()
-    # Third differences of a cubic spline with points every 4 frames: bounded by 4^-3 of those of its control points.
-    assert np.abs(np.diff(smooth, 3, axis=1)).max() < 0.3 * np.abs(np.diff(smooth[:, ::4], 3, axis=1)).max()
-
-
-def test_spline_holds_a_constant_and_a_line() -> None:
-    basis = spline_basis(13, 4)
-    np.testing.assert_allclose(basis.sum(1).numpy(), 1.0, atol=1e-6)
-    line = basis @ (4.0 * (torch.arange(basis.shape[1]) - 1.0))
-    np.testing.assert_allclose(line.numpy(), np.arange(13.0), atol=1e-5)
 
 
 def test_losses_equal_their_definitions(trained: MotionCVAE, body: Body) -> None:

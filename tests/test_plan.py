@@ -93,7 +93,7 @@ def test_specs_hold_what_determines_a_job_and_nothing_else(config):
     before = {shard: spec.simulate_spec(config, "skirt", shard) for shard in shard_names(config)}
     changed = deepcopy(config)
     changed["compute"] = {"device": "cuda", "threads": 8}
-    changed["models"]["motion_cvae"]["variants"]["spline"]["layers"] = 1
+    changed["models"]["motion_cvae"]["variants"]["dense"]["latent"] = 1
     changed["motions"]["unsimulated"] = 7
     changed["garments"]["tshirt"]["ranges"]["density"]["max"] = 0.2
     assert {shard: spec.simulate_spec(changed, "skirt", shard) for shard in shard_names(config)} == before

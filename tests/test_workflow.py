@@ -98,7 +98,7 @@ def test_more_samples_simulate_only_the_new_shards(smoke):
 def test_clips_that_are_not_simulated_are_learned_from_and_simulate_nothing(smoke):
     mine = overlay(smoke, "motions: {unsimulated: 2}")
     planned = smoke.planned_outputs(CONFIG, mine)
-    assert {"motions/batch_0002.h5", "models/motion/motion_cvae/spline.pt", "models/motion/recognition.pt"} <= planned
+    assert {"motions/batch_0002.h5", "models/motion/motion_cvae/dense.pt", "models/motion/recognition.pt"} <= planned
     assert not [path for path in planned if path.startswith("shards/") or path == "motions/batch_0000.h5"]
 
 
@@ -108,9 +108,9 @@ def test_the_device_and_the_threads_change_nothing(smoke):
 
 
 def test_a_model_setting_reruns_its_training_and_no_simulation(smoke):
-    mine = overlay(smoke, "models: {motion_cvae: {variants: {spline: {training: {epochs: 21}}}}}")
+    mine = overlay(smoke, "models: {motion_cvae: {variants: {dense: {training: {epochs: 21}}}}}")
     planned = smoke.planned_outputs(CONFIG, mine)
-    assert "models/motion/motion_cvae/spline.pt" in planned
+    assert "models/motion/motion_cvae/dense.pt" in planned
     assert "models/motion/motion_cvae/actor.pt" not in planned
     assert not [path for path in planned if path.startswith("shards/")]
     assert "models/skirt/shape_descriptor/paper.pt" not in planned

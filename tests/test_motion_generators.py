@@ -1,4 +1,4 @@
-"""Baselines of the motion generator: shapes, learning, causality, labels, files, refusals."""
+"""Motion generators beside the paper's: shapes, learning, causality, labels, density, files, refusals."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ from geometry.rotations import matrix_from_6d
 from models.action2motion import Action2Motion, Action2MotionConfig
 from models.actor import Actor, ActorConfig
 from models.body_layer import BodyLayer
-from models.motion_fitting import fit_motion_cvae, generator_kind, load_motion_cvae, save_motion_cvae
+from models.dense_motion_cvae import DenseMotionConfig, DenseMotionCVAE, mirrored, spline_basis
+from models.motion_fitting import fit_motion_cvae, load_motion_cvae, save_motion_cvae, variant_config
 from models.motion_generator import MotionGenerator, gaussian_kl
 from models.training import TrainingSettings
 from tests.test_motion_cvae import LABELS, labelled_motions
 
 torch.set_num_threads(1)
 CONFIGS = {
+    "dense": DenseMotionConfig(LABELS, 10, 8, latent=4, hidden=(32,), spacing=3),
     "actor": ActorConfig(LABELS, width=32, layers=1, heads=2, feed_forward=64, dropout=0.0),
     "action2motion": Action2MotionConfig(LABELS, width=32, latent=6),
 }
-EPOCHS = {"actor": 250, "action2motion": 200}
+EPOCHS = {"dense": 250, "actor": 250, "action2motion": 200}
 
 
 @pytest.fixture(scope="module")
@@ -151,4 +153,62 @@ def test_settings_that_make_no_sense_are_refused() -> None:
         Action2MotionConfig(LABELS, teacher_forcing=2.0)
     with pytest.raises(ValueError, match="labels must be non-empty and different"):
         ActorConfig(())
-    assert [generator_kind(name) for name in ("actor", "spline", "paper")] == ["actor", "motion_cvae", "motion_cvae"]
+    with pytest.raises(ValueError, match=r"kernel_width is from 0 to 1, got 1\.5"):
+        DenseMotionConfig(LABELS, 10, 8, kernel_width=1.5)
+    with pytest.raises(ValueError, match="unknown variant 'gan'; known: paper"):
+        variant_config("gan", LABELS, np.zeros((8, 10, 24, 6)))
+    assert variant_config("dense-no-vertex-loss", LABELS, np.zeros((8, 10, 24, 6)), vertex_weight=0.0).frames == 10
+
+
+def _dense(kernel_width: float, clips: int = 40) -> tuple[DenseMotionCVAE, torch.Tensor, torch.Tensor]:
+    """An untrained network whose density is fitted to the clips of its first label."""
+    torch.manual_seed(5)
+    config = DenseMotionConfig(LABELS, 10, clips, latent=3, hidden=(16,), spacing=3, kernel_width=kernel_width)
+    model = DenseMotionCVAE(config).eval()
+    poses = torch.as_tensor(labelled_motions(2 * clips)[0][::2])
+    labels = torch.zeros(clips, dtype=torch.long)
+    model.set_scaling(poses)
+    model.finish(poses, labels)
+    return model, poses, labels
+
+
+@pytest.mark.parametrize("kernel_width", [0.0, 0.5, 1.0])
+def test_drawn_latent_vectors_have_mean_and_spread_of_the_training_clips(kernel_width: float) -> None:
+    model, poses, labels = _dense(kernel_width)
+    seen: list[torch.Tensor] = []
+    model.decode = lambda latent, labels, frames: seen.append(latent)
+    many = torch.zeros(4000, dtype=torch.long)
+    with torch.no_grad():
+        model.draw(many, 10, torch.Generator().manual_seed(0))
+        known, log_deviation = model.encode(poses, labels)
+    drawn = seen[0]
+    torch.testing.assert_close(drawn.mean(0), known.mean(0), atol=0.1, rtol=0.0)
+    covariance = (
+        torch.cov(known.T, correction=0) * (1.0 + 1.0 / len(known)) + (2.0 * log_deviation).exp().mean(0).diag()
+    )
+    expected = kernel_width**2 * covariance + (1.0 - kernel_width**2) * torch.cov(known.T, correction=0)
+    torch.testing.assert_close(torch.cov(drawn.T), expected, atol=0.1, rtol=0.1)
+    nearest = torch.cdist(drawn[:100], known).amin(1)
+    assert (nearest < 1e-2).all() if kernel_width == 0.0 else (nearest > 0.1).any()
+
+
+def test_a_label_without_clips_draws_from_its_prior() -> None:
+    model, *_ = _dense(0.5)
+    drawn = model.sample(["walk"] * 3, 10, torch.Generator().manual_seed(0))
+    assert np.isfinite(drawn).all() and np.abs(drawn[0] - drawn[1]).max() > 1e-4
+
+
+def test_beyond_the_trained_length_time_runs_back_and_forth() -> None:
+    assert mirrored(9, 4).tolist() == [0, 1, 2, 3, 2, 1, 0, 1, 2] and mirrored(3, 1).tolist() == [0, 0, 0]
+    model, *_ = _dense(0.5)
+    long = model.sample(["bow"], 19, torch.Generator().manual_seed(0))
+    np.testing.assert_allclose(long[:, :10], long[:, :8:-1], atol=1e-6)
+    with pytest.raises(ValueError, match="trained on 10 frames and cannot encode 11"):
+        model.reconstruct(np.zeros((1, 11, 24, 6)), ["bow"])
+
+
+def test_spline_holds_a_constant_and_a_line() -> None:
+    basis = spline_basis(13, 4)
+    np.testing.assert_allclose(basis.sum(1).numpy(), 1.0, atol=1e-6)
+    line = basis @ (4.0 * (torch.arange(basis.shape[1]) - 1.0))
+    np.testing.assert_allclose(line.numpy(), np.arange(13.0), atol=1e-5)
