@@ -31,6 +31,7 @@ from sim.kernels.surface_walk import (
     is_own,
     nearer,
     pinches,
+    reached_in,
     walk,
     way_out,
     way_towards,
@@ -182,6 +183,8 @@ def find_contacts(
             any_near = wp.where(held > 1, 1, any_near)
             continue
 
+        step = wp.vec3(velocities[k], velocities[lanes + k], velocities[2 * lanes + k]) * (dt[k] * steps)
+        lowest = wp.where(steps > 0.0, wp.min(distances[k], 0.0), -1.0)
         own = Hit()
         other = Hit()
         other.face = -1
@@ -192,12 +195,14 @@ def find_contacts(
             own.normal = wp.vec3(normals[k], normals[lanes + k], normals[2 * lanes + k])
             own.distance = distances[k]
         else:
-            own = follow(surface, first, last, position, parts, 1)
+            own = reached_in(surface, first, follow(surface, first, last, position, parts, 1), step, lowest)
             other = follow(surface, first, other_face[c], position, parts, 0)
         if own_start >= 0:
-            own = nearer(own, walk(surface, first, own_start, position, parts, 1))
+            found = walk(surface, first, own_start, position, parts, 1)
+            own = nearer(own, reached_in(surface, first, found, step, lowest))
         if other_start >= 0 and loose == 0:
-            other = nearer(other, walk(surface, first, other_start, position, parts, 0))
+            found = walk(surface, first, other_start, position, parts, 0)
+            other = nearer(other, reached_in(surface, first, found, step, lowest))
         if loose > 0:
             other.face = -1
         own_face[c] = own.face
@@ -229,7 +234,6 @@ def find_contacts(
         positions[lanes + k] = position[1]
         positions[2 * lanes + k] = position[2]
 
-        step = wp.vec3(velocities[k], velocities[lanes + k], velocities[2 * lanes + k]) * (dt[k] * steps)
         if hit.face >= 0 and own.face >= 0 and other.face >= 0 and pinch == 0.0:
             # The plane for the next interval is that of the surface that will be nearer at its end.
             to_own = own.distance - wp.dot(way_towards(surface, first, own, step), own.normal)

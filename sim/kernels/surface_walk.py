@@ -22,6 +22,8 @@ _LONGEST_WALK = wp.constant(24)
 _LONGEST_CIRCLE = wp.constant(8)
 # Cloth deeper [m] in a part of the body that it does not belong to is nearer to the wrong side of a forearm or hand.
 _DEEPEST_PUSH = wp.constant(0.015)
+# Cloth does not get deeper into the body [m] in an interval than the two go relative to each other, and this.
+_JUMP = wp.constant(0.01)
 # Normals that meet at more than this (cosine) face each other.
 _OPPOSED = wp.constant(-0.2)
 
@@ -229,3 +231,16 @@ def pinches(s: Surface, own: Hit, other: Hit, thickness: float):
 def way_towards(s: Surface, first: int, hit: Hit, step: wp.vec3):
     """How the closest point moved in the last interval relative to a vertex that moved by ``step`` [m]."""
     return hit.point - blend(s.start, first, s.faces[hit.face], hit.barycentric) - step
+
+
+@wp.func
+def reached_in(s: Surface, first: int, found: Hit, step: wp.vec3, lowest: float):
+    """A hit, or none where it lies deeper than a vertex that was at ``lowest`` [m] and moved by ``step`` [m] can be.
+
+    A walk can end on the far side of a neck or a wrist: seen from there, cloth in front of it lies deep inside.
+    """
+    hit = found
+    if found.face >= 0:
+        if found.distance < lowest - _JUMP - wp.length(way_towards(s, first, found, step)):
+            hit.face = -1
+    return hit
