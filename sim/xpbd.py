@@ -41,7 +41,7 @@ from sim.self_contact import SelfContact
 from sim.skeleton import Skeleton, Skin
 from sim.tethers import Tethers
 
-SOLVER_VERSION = "xpbd-3"
+SOLVER_VERSION = "xpbd-4"
 
 # The implicit damping of a few substeps at once costs little and changes little: with real fabrics' stiffness a single
 # triangle's strain rate is damped away within one substep anyway.
