@@ -1,13 +1,14 @@
 """Can a body move like that: sliding feet, feet in the ground, jerk of generated motions beside real ones.
 
 In: real clips with their root, and generated poses, whose root ``motions.grounding`` derives. Out: rows of a table. The
-real poses with a derived root stand between: what they lose against the recorded root is the derivation's, not a
-generator's.
+real poses with a derived root stand between: what they lose against their own root is the derivation's, not a
+generator's. Columns that begin with ``planted`` are of the motion as it is dressed, after ``motions.planting``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from evaluation.motion_metrics import Repeated
 from evaluation.table import Row
 from motions.clip import Clip
 from motions.grounding import ground_motion
+from motions.planting import plant_feet
 from motions.quality import measure
 
 FIGURES = {
@@ -25,6 +27,9 @@ FIGURES = {
     "floating_m": "floating_cm",
     "joint_speed_rad_s": "joint_speed_rad_s",
     "joint_jerk_rad_s3": "joint_jerk_rad_s3",
+    "planted_skate_m_s": "planted_foot_skate_cm_s",
+    "planted_penetration_m": "planted_ground_penetration_cm",
+    "planted_joint_jerk_rad_s3": "planted_joint_jerk_rad_s3",
 }
 
 
@@ -54,7 +59,7 @@ def quality_rows(real: Sequence[Clip], generated: Mapping[str, np.ndarray], body
         found = []
         for n in range(count):
             try:
-                found.append(measure(clip(n), body).as_row())
+                found.append(_figures(clip(n), body))
             except ValueError:  # a clip refuses joints and roots that jump farther than a body can
                 continue
         row: Row = {"source": name}
@@ -66,6 +71,13 @@ def quality_rows(real: Sequence[Clip], generated: Mapping[str, np.ndarray], body
         refused = 100.0 * (1.0 - len(found) / count)
         rows.append({**row, "refused_percent": refused, "motions": count, "split": "unseen motions", "body": body.name})
     return rows
+
+
+def _figures(clip: Clip, body: Body) -> dict[str, float]:
+    """Figures of a clip, and of the same with its feet planted."""
+    planted = replace(clip, pose=plant_feet(clip.pose, clip.root, body, clip.fps))
+    after = {f"planted_{name}": value for name, value in measure(planted, body).as_row().items()}
+    return measure(clip, body).as_row() | after
 
 
 def _grounded(pose: np.ndarray, fps: float, body: Body) -> Clip:

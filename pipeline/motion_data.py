@@ -15,6 +15,7 @@ from motions.clip import Clip
 from motions.clip_file import read_clips
 from motions.grounding import ground_motion
 from motions.lead_in import lead_in
+from motions.planting import plant_feet
 from pipeline.stage import Job
 
 
@@ -42,13 +43,13 @@ def generated_tracks(
     body: Body,
     generator: torch.Generator,
 ) -> list[MotionTrack]:
-    """Motions sampled from the CVAE, put on the ground and led into, ready to be dressed; one a label given."""
+    """Motions sampled from the CVAE, on the ground with planted feet and led into, to be dressed; one a label given."""
     tracks = []
     for number, pose6d in enumerate(cvae.sample(labels, frames, generator)):
         pose = matrix_to_axis_angle(matrix_from_6d(pose6d)).astype(np.float32)
-        clip = Clip(
-            f"generated_{number:04d}", "generated", labels[number], pose, ground_motion(pose, body), fps, "cvae"
-        )
+        root = ground_motion(pose, body)
+        pose = plant_feet(pose, root, body, fps)
+        clip = Clip(f"generated_{number:04d}", "generated", labels[number], pose, root, fps, "cvae")
         lead_pose, lead_root = lead_in(clip, body, lead)
         whole_pose, whole_root = np.concatenate([lead_pose, clip.pose]), np.concatenate([lead_root, clip.root])
         tracks.append(MotionTrack(whole_pose, body.joint_positions(whole_pose, whole_root), lead, fps))

@@ -151,6 +151,7 @@ def test_quality_tells_a_moonwalk_from_a_stand_and_counts_what_no_body_can_do(bo
     }
     rows = {row["source"]: row for row in quality_rows(clips, generated, body)}
     assert rows["real, unseen motions"]["foot_skate_cm_s"] == pytest.approx(30.0, rel=0.01)
+    assert rows["real, unseen motions"]["planted_foot_skate_cm_s"] < 15.0  # one stands, one slides farther than a leg
     assert rows["still"]["foot_skate_cm_s"] == pytest.approx(0.0, abs=1e-3)
     assert rows["still"]["ground_penetration_cm"] == pytest.approx(0.0, abs=1e-3)
     assert rows["broken"]["refused_percent"] == 100.0 and rows["broken"]["foot_skate_cm_s"] is None
