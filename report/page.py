@@ -145,7 +145,7 @@ def flow_counts(files: RunFiles, config: Mapping[str, Any], plan: Mapping[str, i
         "shape_descriptor": variants("shape_descriptor"),
         "motion_invariant": variants("motion_invariant"),
         "garment_regressor": variants("garment_regressor"),
-        "motion_cvae": "from labels",
+        "motion_cvae": variants("motion_cvae") or "from labels",
         "collision_tuning": "on generated motions",
         "animation": "refined, never simulated",
     }

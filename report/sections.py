@@ -158,6 +158,7 @@ class Sections:
             self._published("published_reconstruction", published.RECONSTRUCTION, "motion_reconstruction"),
             *self._table("motion_generation", controls="^mean pose of the label$"),
             self._published("published_generation", published.GENERATION, "motion_generation"),
+            *self._table("motion_quality", mark=False),
         ]
         return Section(
             "motion-cvae",
