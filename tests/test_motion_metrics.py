@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from body.model import Body
-from evaluation.motion import MotionSet, generation_rows, reconstruction_rows
+from evaluation.metrics import rmse
+from evaluation.motion import MotionSet, axis_angle, generation_rows, reconstruction_rows
 from evaluation.motion_metrics import (
     Repeated,
     accuracy,
@@ -124,6 +125,13 @@ def test_tables_rank_a_perfect_generator_above_an_untrained_one(body: Body) -> N
     for column in ("joint_error_m", "vertex_rmse_m", "hausdorff_m", "sted", "pose_rmse"):
         assert rows["perfect"][column] < 1e-5 < rows["untrained"][column]
     assert rows["perfect"]["motions"] == rows["perfect"]["mesh_motions"] == 6
+    still = np.zeros((8, 3))
+    meshes = [
+        [body.posed(axis_angle(p), still) for p in poses]
+        for poses in (untrained.reconstruct(test.pose6d, test.labels), test.pose6d)
+    ]
+    brute = np.mean([rmse(a, b) for a, b in zip(*meshes, strict=True)])
+    assert rows["untrained"]["vertex_rmse_m"] == pytest.approx(brute, rel=1e-3)
     rows = {r["source"]: r for r in generation_rows(models, recognition, train, test, body, seed=0, repetitions=2)}
     assert rows["perfect"]["fid"] == pytest.approx(rows["real, unseen motions"]["fid"])
     assert rows["perfect"]["fid"] < 0.5 * rows["untrained"]["fid"]
