@@ -26,6 +26,7 @@ from evaluation.motion_metrics import (
     frechet_distance,
     label_spread,
     multimodality,
+    nearest_distance,
 )
 from evaluation.sted import Sted, StedParameters
 from evaluation.table import Row
@@ -154,7 +155,8 @@ def generation_rows(
     }
     for name, model in models.items():
         sources[name] = (lambda r, model=model: model.sample(asked, frames, sampling(seed, r)), repetitions)
-    own_classes = np.array([known[label] for label in test.labels])
+    own_classes, train_classes = (np.array([known[label] for label in split.labels]) for split in (test, train))
+    own = slice(len(own_classes))
     rows: list[Row] = []
     for name, (source, count) in sources.items():
         figures: dict[str, list[float]] = {}
@@ -165,11 +167,12 @@ def generation_rows(
             joints = joint_tracks(poses, layer)
             generator = np.random.default_rng([seed, repetition, 1])
             found = {
-                "fid": frechet_distance(features[: len(own_classes)], real),
+                "fid": frechet_distance(features[own], real),
                 "accuracy_percent": 100.0 * accuracy(predicted, classes),
                 "diversity": diversity(features, generator),
                 "multimodality": multimodality(features, classes, generator) if _has_pairs(classes) else float("nan"),
                 "label_spread_m": label_spread(joints, classes),
+                "nearest_training_m": nearest_distance(joints[own], own_classes, real_joints, train_classes),
                 "discontinuous_percent": 100.0 * discontinuous_share(joints, real_joints, train.fps),
             }
             for key, value in found.items():

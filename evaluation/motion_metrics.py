@@ -27,7 +27,7 @@ class Repeated:
     def of(cls, values: list[float]) -> Repeated:
         """Normal-theory interval, 1.96 standard errors, as the published tables have it; 0 for one repetition."""
         array = np.asarray(values, dtype=np.float64)
-        spread = float(array.std(ddof=1)) if len(array) > 1 else 0.0
+        spread = float(array.std(ddof=1)) if np.ptp(array) > 0.0 else 0.0  # equal values leave a rounding error
         return cls(float(array.mean()), float(1.96 * spread / np.sqrt(len(array))))
 
 
@@ -106,6 +106,20 @@ def label_spread(joints: np.ndarray, classes: np.ndarray) -> float:
         if len(members) > 1:
             spreads.append(np.concatenate(distances).mean())
     return float(np.mean(spreads)) if spreads else float("nan")
+
+
+def nearest_distance(joints: np.ndarray, classes: np.ndarray, known: np.ndarray, known_classes: np.ndarray) -> float:
+    """Mean joint distance [m] of each motion to the nearest known one of its class: 0 for a generator that copies.
+
+    Args:
+        joints, known: Joint positions [m], shapes [N, T, J, 3] and [M, T, J, 3].
+        classes, known_classes: Class numbers, N and M; every class of ``classes`` is known.
+    """
+    nearest = [
+        np.linalg.norm(known[known_classes == number] - motion, axis=-1).mean(axis=(1, 2)).min()
+        for motion, number in zip(joints, classes, strict=True)
+    ]
+    return float(np.mean(nearest))
 
 
 def peak_accelerations(joints: np.ndarray, fps: float) -> np.ndarray:

@@ -144,8 +144,10 @@ CAPTIONS: dict[str, Caption] = {
         "Mean and 95% interval over repetitions. FID: lower is better; diversity, multimodality and label spread: "
         "nearest to the real ones is better, so none is marked. Label spread is the mean distance of the joints of two "
         "motions of a label, for the features of a network that tells labels apart hardly differ within one. The mean "
-        "pose standing still is a control that must fail. Discontinuous: share of motions with a joint acceleration "
-        "above the 99.9th percentile of the real ones. The judge's own accuracy is that of the real, unseen motions.",
+        "pose standing still is a control that must fail. Nearest: distance to the nearest training motion of the "
+        "label; far below that of the real, unseen motions would be copying. Discontinuous: share of motions with a "
+        "joint acceleration above the 99.9th percentile of the real ones. The judge's own accuracy is that of the "
+        "real, unseen motions.",
         "Shi 2023, Tables 4 and 5 (the user study is replaced by the discontinuity).",
         _made("evaluate_motion", "evaluation/motion.py", "motion_generation"),
         "As many motions as the test split has, with its labels.",
@@ -156,6 +158,7 @@ CAPTIONS: dict[str, Caption] = {
             "diversity",
             "multimodality",
             "label_spread_m",
+            "nearest_training_m",
             "discontinuous_percent",
             "motions",
         ),

@@ -18,6 +18,7 @@ from evaluation.motion_metrics import (
     gaussian_distance,
     label_spread,
     multimodality,
+    nearest_distance,
 )
 from evaluation.motion_quality import quality_rows
 from geometry.rotations import axis_angle_to_6d
@@ -103,6 +104,10 @@ def test_label_spread_is_the_distance_of_motions_of_a_label() -> None:
     joints[4] = 9.0  # alone in its class
     assert label_spread(joints, np.array([0, 0, 1, 1, 2])) == pytest.approx(0.2)
     assert np.isnan(label_spread(joints[:1], np.array([0])))
+    # The nearest of the same class: 0.3 for the first, though one of another class is where it is.
+    assert nearest_distance(joints[[0, 1]], np.array([1, 0]), joints[[0, 1, 3]], np.array([0, 0, 1])) == pytest.approx(
+        (0.3 + 0.0) / 2
+    )
 
 
 def test_tables_rank_a_perfect_generator_above_an_untrained_one(body: Body) -> None:
@@ -138,6 +143,8 @@ def test_tables_rank_a_perfect_generator_above_an_untrained_one(body: Body) -> N
     for column in ("fid", "accuracy_percent", "diversity", "multimodality", "label_spread_m", "discontinuous_percent"):
         assert np.isfinite(rows["untrained"][column]) and rows["untrained"][f"{column}_interval"] >= 0.0
     assert rows["mean pose of the label"]["multimodality"] == rows["mean pose of the label"]["label_spread_m"] == 0.0
+    assert rows["real, training motions"]["nearest_training_m"] == pytest.approx(0.0, abs=1e-6)
+    assert rows["perfect"]["nearest_training_m"] == pytest.approx(rows["real, unseen motions"]["nearest_training_m"])
     assert rows["untrained"]["repetitions"] == 2 and rows["untrained"]["motions"] >= 128
     assert {row["judge_accuracy_percent"] for row in rows.values()} == {
         rows["real, unseen motions"]["accuracy_percent"]
