@@ -69,7 +69,7 @@ def load_sequences(
         if plans is not None and header.plan not in plans:
             continue
         for s in read_sequences(path):
-            split = rule.split(s.phi, s.take_index)
+            split = rule.split(s.phi, s.take_index, s.label)
             if splits is not None and split not in splits:
                 continue
             own = {name: getattr(s, name) for name in _OWN_FIELDS}

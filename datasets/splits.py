@@ -2,7 +2,8 @@
 
 Whether a parameter set or a take is held out depends on its number alone, so that adding samples or clips never moves
 an earlier one from one split to another. Three test sets are kept apart (metrics reference): new parameters with seen
-motions, seen parameters with new motions, and both new.
+motions, seen parameters with new motions, and both new. Whole labels can be held out too: a new clip of a known label
+is easier than a known way of moving in another manner (a style), and that easier than another movement.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ TRAIN = "train"
 UNSEEN_PARAMETERS = "unseen_parameters"
 UNSEEN_MOTIONS = "unseen_motions"
 UNSEEN_BOTH = "unseen_both"
-SPLITS = (TRAIN, UNSEEN_PARAMETERS, UNSEEN_MOTIONS, UNSEEN_BOTH)
+UNSEEN_STYLES = "unseen_styles"
+UNSEEN_LABELS = "unseen_labels"
+SPLITS = (TRAIN, UNSEEN_PARAMETERS, UNSEEN_MOTIONS, UNSEEN_BOTH, UNSEEN_STYLES, UNSEEN_LABELS)
 
 
 @dataclass(frozen=True)
@@ -23,15 +26,22 @@ class SplitRule:
     Attributes:
         parameters_every: Parameter set ``i >= 1`` is held out when ``i % parameters_every == 0``.
         takes_every: Take ``i >= 0`` is held out when ``i % takes_every == takes_every - 1``.
+        styles: Labels that are held out whole, although others show the same movement in another manner.
+        labels: Labels that are held out whole, and nothing like them is seen.
     """
 
     parameters_every: int
     takes_every: int
+    styles: tuple[str, ...] = ()
+    labels: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("parameters_every", "takes_every"):
             if getattr(self, name) < 2:
                 raise ValueError(f"split rule: {name} is {getattr(self, name)}, but at least 2 is needed to train")
+        both = sorted(set(self.styles) & set(self.labels))
+        if both:
+            raise ValueError(f"split rule: {', '.join(both)} cannot be both a held-out style and a held-out label")
 
     def holds_out_parameters(self, phi: int) -> bool:
         """True for a held-out parameter set; the base set 0 is always seen."""
@@ -41,8 +51,14 @@ class SplitRule:
         """True for a held-out take."""
         return take_index % self.takes_every == self.takes_every - 1
 
-    def split(self, phi: int, take_index: int) -> str:
+    def holds_out_label(self, label: str) -> bool:
+        """True for a label none of whose clips is trained on."""
+        return label in self.styles or label in self.labels
+
+    def split(self, phi: int, take_index: int, label: str = "") -> str:
         """Name of the split of a sequence."""
+        if self.holds_out_label(label):
+            return UNSEEN_STYLES if label in self.styles else UNSEEN_LABELS
         new_parameters, new_motion = self.holds_out_parameters(phi), self.holds_out_take(take_index)
         if new_parameters:
             return UNSEEN_BOTH if new_motion else UNSEEN_PARAMETERS

@@ -53,6 +53,16 @@ def test_splits_share_neither_parameters_nor_takes():
         SplitRule(5, 1)
 
 
+def test_a_label_is_held_out_whole():
+    rule = SplitRule(5, 4, styles=["walk-fast"], labels=["kick"])
+    for phi, take in ((0, 0), (0, 3), (5, 3)):
+        assert rule.split(phi, take, "walk-fast") == "unseen_styles"
+        assert rule.split(phi, take, "kick") == "unseen_labels"
+        assert rule.split(phi, take, "walk") == rule.split(phi, take)
+    with pytest.raises(ValueError, match="kick cannot be both"):
+        SplitRule(5, 4, styles=["kick"], labels=["kick"])
+
+
 def test_canonical_frame_round_trip_and_invariance(body):
     s = make_sequence(body)
     local = to_canonical(s.vertices, s.pose, s.root, body)
