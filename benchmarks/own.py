@@ -81,7 +81,7 @@ def run(job: OwnJob) -> dict[str, float]:
     base = base_parameters(MATERIALS[template.kind] | {"substeps": job.substeps})
     sets = [sample_parameters(base, RANGES, SEED, template.kind, index) for index in range(job.worlds)]
     imported = time.perf_counter()
-    load_kernels(resolve_device("cpu"))
+    load_kernels(resolve_device("cpu"), job.worlds)
     compiled = time.perf_counter()
 
     clock = FrameClock()

@@ -13,7 +13,7 @@ from sim.body_parts import ContactParts
 from sim.body_seeds import age, pieces, spread_seeds
 from sim.kernels import contact as kernels
 from sim.kernels import kept_contacts, pokes, query, surface_walk
-from sim.kernels.lanes import instance, scalars, vectors
+from sim.kernels.lanes import launch, scalars, vectors
 from sim.kernels.parameters import THICKNESS
 from sim.kernels.seeds import plant_seeds
 from sim.skeleton import Skeleton, Skin
@@ -63,7 +63,8 @@ class BodyContact:
         """
         self.device, self.skeleton, self.reach = device, skeleton, float(reach)
         self.count = len(parts.owned)
-        width, motions = len(skeleton.lane_motion), skeleton.motions
+        self.width = width = len(skeleton.lane_motion)
+        motions = skeleton.motions
         bind = np.asarray(vertices, dtype=np.float64) - skeleton.centre
         self.skin = Skin(bind, index, weight, motions, device)
         first_corner, corners = corner_table(faces, len(vertices))
@@ -118,14 +119,14 @@ class BodyContact:
         skeleton = self.skeleton
         inputs = [skin.count, skeleton.device_lane_motion, skeleton.shift, self.faces, self.face]
         inputs += [self.barycentric, skin.end, self.normals_end, self.lean]
-        wp.launch(kernels.carry_planes, self.count, inputs, self.planes, device=self.device)
+        launch(kernels.carry_planes, self.width, self.count, inputs, self.planes, self.device)
 
     def launch_solve(
         self, fraction: float, step: float, inverse_mass: wp.array, x_prev: wp.array, parameters: wp.array, x: wp.array
     ) -> None:
         """Record: contact and friction of one substep at ``fraction`` of the interval."""
         inputs = [fraction, step, inverse_mass, self.near, self.clearance, *self.planes, x_prev, parameters]
-        wp.launch(kernels.solve_contact, self.count, inputs, [x], device=self.device)
+        launch(kernels.solve_contact, self.width, self.count, inputs, [x], self.device)
 
     def find(
         self,
@@ -146,7 +147,7 @@ class BodyContact:
             steps: Substeps since the last call.
             passes: How often a vertex is moved out at most; 0 only measures.
         """
-        skin, seeds, width = self.skin, self.seeds, len(self.skeleton.lane_motion)
+        skin, seeds, width = self.skin, self.seeds, self.width
         age(seeds)
         inputs = [self.faces, skin.count, skin.end, self.normals_end]
         wp.launch(plant_seeds, skin.motions * seeds.count, [*inputs, seeds], device=self.device)
@@ -154,26 +155,25 @@ class BodyContact:
         point, travel, normal, turn = self.planes
         inputs = [self.reach, float(steps), inverse_mass, self.standoff, parameters, v, self.keepable, travel, turn]
         outputs = [x, point, normal, self.direction, self.clearance, self.distance, self.pinched, self.floor, self.kept]
-        wp.launch(instance(kept_contacts.keep_contacts, width), self.count, inputs, outputs, device=self.device)
+        launch(kept_contacts.keep_contacts, width, self.count, inputs, outputs, self.device)
         inputs = [self.reach, passes, self._turn, TURNS, float(steps), self.skeleton.device_lane_motion]
         inputs += [inverse_mass, self.standoff, self.owned, *self.neighbours, self.surface, seeds, parameters, v]
         inputs += [self.kept]
         outputs = [x, self.near, self.own_face, self.other_face, self.let_go, self.face, self.barycentric]
         outputs += [self.lean, self.clearance, self.distance, self.pinched, point, normal, self.direction]
         outputs += [self.keepable, self.floor]
-        wp.launch(instance(query.find_contacts, width), self.count, inputs, outputs, device=self.device)
+        launch(query.find_contacts, width, self.count, inputs, outputs, self.device)
         if passes:
             self._lift(inverse_mass, parameters, x)
 
     def _lift(self, inverse_mass: wp.array, parameters: wp.array, x: wp.array) -> None:
         """Lift triangles that the body pokes through off it."""
-        width = len(self.skeleton.lane_motion)
         thickness = parameters[int(THICKNESS) : int(THICKNESS) + 1]
         inputs = [self.edges, self.near, inverse_mass, self.clearance, self.distance, self.direction, x, thickness]
-        wp.launch(instance(pokes.raise_floors, width), len(self.edges), inputs, [self.floor], device=self.device)
+        launch(pokes.raise_floors, self.width, len(self.edges), inputs, [self.floor], self.device)
         inputs = [self.near, inverse_mass, self.direction, self.floor]
         outputs = [self.clearance, self.distance, x]
-        wp.launch(instance(pokes.lift_to_floors, width), self.count, inputs, outputs, device=self.device)
+        launch(pokes.lift_to_floors, self.width, self.count, inputs, outputs, self.device)
 
     def forget(self) -> None:
         """Drop the cached contacts, before the garment is put somewhere else."""

@@ -7,12 +7,23 @@ import importlib
 
 import warp as wp
 
-_CLOTH = ("membrane", "bending", "tethers", "normals", "integrate")
-_BODY = ("contact", "seeds", "kept_contacts", "query", "pokes")
-_METERS = ("strain", "body_crossings")
+from sim.kernels.lanes import WIDTHS, lane_module
+
+_LANES = (
+    "membrane",
+    "bending",
+    "tethers",
+    "normals",
+    "integrate",
+    "contact",
+    "kept_contacts",
+    "query",
+    "pokes",
+    "strain",
+)
 _SELF_CONTACT = ("self_contact", "self_detection", "self_features", "untangle")
-_GENERIC = tuple(f"sim.kernels.{name}" for name in (*_CLOTH, *_BODY, *_METERS, *_SELF_CONTACT))
-_PACKED = tuple(f"sim.kernels.packed_{name}" for name in ("membrane", "bending", "motion"))
+_PLAIN = ("contact", "seeds", "body_crossings")  # kernels that know no lanes
+_PACKED = ("packed_membrane", "packed_bending", "packed_motion")
 _IMPLICIT = tuple(
     f"sim.implicit.{name}" for name in ("force_kernels", "linear_system", "contact_kernels", "strain_limits")
 )
@@ -35,19 +46,21 @@ def resolve_device(name: str) -> str:
 def compile_kernels(device: str = "auto") -> str:
     """Compile (or load from Warp's cache) every kernel module; returns the Warp device they were built for."""
     target = resolve_device(device)
-    load_kernels(target)
+    for width in WIDTHS:
+        load_kernels(target, width)
     for name in _IMPLICIT:  # the baseline runs on the CPU alone
         wp.load_module(importlib.import_module(name), device="cpu")
     return target
 
 
-def load_kernels(warp_device: str) -> None:
-    """Have the simulator's modules ready on a Warp device, because a graph that is being recorded can load none."""
-    modules = [importlib.import_module(name) for name in _GENERIC]
-    if warp_device == "cpu":
-        modules += [importlib.import_module(name) for name in _PACKED]
-    for module in modules:
-        wp.load_module(module, device=warp_device)
+def load_kernels(warp_device: str, width: int) -> None:
+    """Have the kernels for a number of worlds ready on a Warp device: a graph that is being recorded can load none."""
+    for name in (*_LANES, *_SELF_CONTACT):
+        importlib.import_module(f"sim.kernels.{name}")  # declares its instances
+    lane_module(width).load(wp.get_device(warp_device))
+    packed = _PACKED if warp_device == "cpu" and width == 1 else ()
+    for name in (*_PLAIN, *packed):
+        wp.load_module(importlib.import_module(f"sim.kernels.{name}"), device=warp_device)
 
 
 def _quiet() -> None:

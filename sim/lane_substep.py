@@ -10,7 +10,7 @@ import warp as wp
 from sim.body_contact import BodyContact
 from sim.constraints import device_hinges, device_triangles
 from sim.kernels import bending, integrate, membrane, normals
-from sim.kernels.lanes import scalars, vectors
+from sim.kernels.lanes import launch, scalars, vectors
 from sim.kernels.parameters import ROW_COUNT
 from sim.rest_state import RestState
 
@@ -25,6 +25,7 @@ class State:
         normals: Unit normals of the cloth at the beginning of the interval, likewise.
         inverse_mass: Of unit density [1/m^2], 0 where pinned, shape [V], plain numbers.
         parameters: Constants of the worlds, scalars, shape [ROW_COUNT].
+        width: Number of worlds W.
     """
 
     x: wp.array
@@ -34,13 +35,14 @@ class State:
     normals: wp.array
     inverse_mass: wp.array
     parameters: wp.array
+    width: int
 
     @classmethod
     def zero(cls, rest: RestState, width: int, device: str) -> State:
         """State of W worlds before they are placed."""
         each = [wp.zeros(len(rest.vertices), dtype=vectors(width), device=device) for _ in range(5)]
         mass = wp.array(rest.inverse_mass.astype(np.float32), dtype=float, device=device)
-        return cls(*each, mass, wp.zeros(ROW_COUNT, dtype=scalars(width), device=device))
+        return cls(*each, mass, wp.zeros(ROW_COUNT, dtype=scalars(width), device=device), width)
 
 
 class LaneSubstep:
@@ -112,4 +114,4 @@ class LaneSubstep:
             self.begin()
 
     def _launch(self, kernel: wp.Kernel, size: int, inputs: list, outputs: list) -> None:
-        wp.launch(kernel, size, inputs, outputs, device=self.device)
+        launch(kernel, self.state.width, size, inputs, outputs, self.device)

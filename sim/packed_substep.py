@@ -7,6 +7,7 @@ import warp as wp
 from sim.body_contact import BodyContact
 from sim.constraints import hinge_packs, triangle_packs
 from sim.kernels import normals, packed_bending, packed_membrane, packed_motion
+from sim.kernels.lanes import launch
 from sim.kernels.packs import PACK, packed_float
 from sim.lane_substep import State
 from sim.rest_state import RestState
@@ -85,4 +86,4 @@ class PackedSubstep:
         self._launch(packed_motion.end_packed_substep, self.packs, inputs, [s.v, s.x, s.x_prev, s.x_pred])
 
     def _launch(self, kernel: wp.Kernel, size: int, inputs: list, outputs: list) -> None:
-        wp.launch(kernel, size, inputs, outputs, device=self.device)
+        launch(kernel, 1, size, inputs, outputs, self.device)

@@ -14,7 +14,7 @@ import warp as wp
 
 from sim.body_contact import corner_table
 from sim.kernels import integrate, self_contact, self_detection, self_features, untangle
-from sim.kernels.lanes import scalars, vectors
+from sim.kernels.lanes import launch, scalars, vectors
 from sim.rest_state import RestState
 from sim.triangle_tree import TriangleTree
 
@@ -191,7 +191,7 @@ class SelfContact:
         self.crossings = wp.zeros(crossings, dtype=untangle.Crossing, device=self.device)
 
     def _launch(self, kernel: wp.Kernel, size: int, inputs: list, outputs: list) -> None:
-        wp.launch(kernel, size, inputs, outputs, device=self.device)
+        launch(kernel, self.width, size, inputs, outputs, self.device)
 
 
 def _checked_layer(layer: np.ndarray | None, piece: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from sim.kernels import strain as kernels
-from sim.kernels.lanes import instance, scalars
+from sim.kernels.lanes import launch, scalars
 from sim.rest_state import RestState
 
 
@@ -36,13 +36,8 @@ class StrainMeter:
             counting: Whether this frame goes into the figures of the clip.
         """
         inputs = [self.edges, self.over_length, int(counting), x]
-        wp.launch(
-            instance(kernels.measure_strain, self.width),
-            self.threads,
-            inputs,
-            [self.worst, self.histogram],
-            device=self.device,
-        )
+        outputs = [self.worst, self.histogram]
+        launch(kernels.measure_strain, self.width, self.threads, inputs, outputs, self.device)
         ratio = self.worst.numpy().reshape(self.threads, self.width).max(axis=0).astype(np.float64)
         strain = np.where(ratio < 1.0e17, ratio - 1.0, np.inf)
         if counting:

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 import warp as wp
 
 from sim.kernels import tethers as kernels
+from sim.kernels.lanes import launch
 from sim.rest_state import RestState
 
 CHORD_EDGES = 5
@@ -24,9 +25,9 @@ class Tethers:
         longest: Length of the longest tether [m].
     """
 
-    def __init__(self, rest: RestState, device: str):
+    def __init__(self, rest: RestState, width: int, device: str):
         vertex, pin, length = nearest_pins(rest)
-        self.device = device
+        self.width, self.device = width, device
         self.longest = float(length.max(initial=0.0))
         self.vertex = wp.array(vertex.astype(np.int32), dtype=int, device=device)
         self.pin = wp.array(pin.astype(np.int32), dtype=int, device=device)
@@ -35,7 +36,7 @@ class Tethers:
     def launch(self, parameters: wp.array, x: wp.array) -> None:
         """Record: pull the vertices back of every lane."""
         inputs = [self.vertex, self.pin, self.length, parameters]
-        wp.launch(kernels.solve_tethers, len(self.vertex), inputs, [x], device=self.device)
+        launch(kernels.solve_tethers, self.width, len(self.vertex), inputs, [x], self.device)
 
 
 def nearest_pins(rest: RestState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -31,6 +31,7 @@ import warp as wp
 from sim.body_contact import BodyContact
 from sim.compile import load_kernels
 from sim.kernels import integrate
+from sim.kernels.lanes import launch
 from sim.kernels.packs import PACK
 from sim.kernels.parameters import substep_constants
 from sim.lane_substep import LaneSubstep, State
@@ -83,7 +84,7 @@ class XpbdSolver:
             tethered: Whether free vertices are tied to their nearest pin (``sim.tethers``).
         """
         width = len(skeleton.lane_motion)
-        load_kernels(device)
+        load_kernels(device, width)
         self.rest, self.skeleton, self.contact, self.pins, self.device = rest, skeleton, contact, pins, device
         self.self_contact = self_contact
         self.count, self.width = len(rest.vertices), width
@@ -92,7 +93,7 @@ class XpbdSolver:
         packed = width == 1 and device == "cpu" and self.count >= PACK
         self.substep = (PackedSubstep if packed else LaneSubstep)(rest, state, contact, device)
         self.pinned = wp.array(rest.pinned, dtype=int, device=device)
-        self.tethers = Tethers(rest, device) if tethered and len(rest.pinned) else None
+        self.tethers = Tethers(rest, width, device) if tethered and len(rest.pinned) else None
         self.plastic = False
         self._graphs: dict[tuple[int, bool], wp.Graph] = {}
 
@@ -256,7 +257,7 @@ class XpbdSolver:
             self.self_contact.launch_solve(self.parameters, self.state.x_prev, self.x, self.state.x_pred)
 
     def _launch(self, kernel: wp.Kernel, size: int, inputs: list, outputs: list) -> None:
-        wp.launch(kernel, size, inputs, outputs, device=self.device)
+        launch(kernel, self.width, size, inputs, outputs, self.device)
 
 
 def even_split(total: int, parts: int) -> list[int]:

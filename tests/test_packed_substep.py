@@ -43,7 +43,7 @@ class Planes(BodyContact):
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         point = x + 0.001 * rng.normal(size=(count, 3))
         values = point, 0.01 * rng.normal(size=(count, 3)), normal, 0.1 * rng.normal(size=(count, 3))
-        self.device, self.count = DEVICE, count
+        self.device, self.count, self.width = DEVICE, count, 1
         self.planes = [wp.array(each.astype(np.float32), dtype=vectors(1), device=DEVICE) for each in values]
         self.near = wp.array((rng.random(count) < 0.6).astype(np.int32), dtype=int, device=DEVICE)
         gap = rng.uniform(0.001, 0.004, (count, 1)).astype(np.float32)

@@ -9,7 +9,7 @@ import warp as wp
 from sim.compile import resolve_device
 from sim.constraints import device_hinges, device_triangles
 from sim.kernels import bending, integrate, membrane
-from sim.kernels.lanes import scalars, vectors
+from sim.kernels.lanes import launch, scalars, vectors
 from sim.kernels.parameters import ROW_COUNT, substep_constants
 from sim.parameters import base_parameters
 from sim.rest_state import RestState
@@ -71,7 +71,7 @@ class Cloth:
         return self.contact.find(substeps, self.parameters, self.x, self.v)
 
     def launch(self, kernel, size, inputs, outputs) -> None:
-        wp.launch(kernel, size, inputs, outputs, device=DEVICE)
+        launch(kernel, self.width, size, inputs, outputs, DEVICE)
 
     def run(self, seconds: float, interval: int = 8, solve=True) -> np.ndarray:
         for _ in range(round(seconds / (DT * interval))):

@@ -41,12 +41,25 @@ def declare(kernel: wp.Kernel, width: int, **generic: str) -> None:
     """Instantiate a kernel; ``generic`` says of each of its ``Any`` arrays whether it holds scalars or vectors."""
     types = {"scalars": scalars(width), "vectors": vectors(width)}
     arrays = {name: wp.array(dtype=types[kind]) for name, kind in generic.items()}
-    _INSTANCES[kernel.key, kernel.module.name, width] = wp.overload(kernel, arrays)
+    own = wp.Kernel(kernel.func, kernel.key, lane_module(width))
+    _INSTANCES[kernel.key, kernel.module.name, width] = wp.overload(own, arrays)
+
+
+def lane_module(width: int) -> wp.Module:
+    """The module of the kernels for a number of lanes: one each, for a solver needs one, and starts sooner with it."""
+    module = wp.get_module(f"sim.kernels.lanes_{width}")
+    module.options.update(LANE_OPTIONS)
+    return module
 
 
 def instance(kernel: wp.Kernel, width: int) -> wp.Kernel:
-    """The kernel for a number of lanes: to launch it takes half a millisecond less than to have Warp find it."""
-    return _INSTANCES[kernel.key, kernel.module.name, width]
+    """The kernel for a number of lanes; a kernel that knows no lanes is its own."""
+    return _INSTANCES.get((kernel.key, kernel.module.name, width), kernel)
+
+
+def launch(kernel: wp.Kernel, width: int, size: int, inputs: list, outputs: list, device: str) -> None:
+    """Launch a kernel for a number of lanes."""
+    wp.launch(instance(kernel, width), size, inputs, outputs, device=device)
 
 
 _INSTANCES: dict[tuple[str, str, int], wp.Kernel] = {}
