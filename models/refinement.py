@@ -32,6 +32,13 @@ TOUCH = 1.0e-5
 PROJECTIONS = 8
 """Halvings of the clearance that the last resort tries; 3 mm ends at 12 micrometres, just above ``TOUCH``."""
 
+HORIZON = 0.02
+"""Least distance up to which the surface is looked up exactly [m]: with less, a vertex deep in a limb can be taken for
+one outside, because the first face that is found near it lies beyond a fold."""
+
+HALVINGS = 12
+"""Times that the way from a buried vertex to a neighbour outside is halved; the rest of it is below 10 micrometres."""
+
 JUMP = 3.0
 """How many garment steps a closest point may move on the body from one garment vertex to its neighbour."""
 
@@ -117,7 +124,7 @@ class Refiner:
     ) -> None:
         self.settings = settings or RefinementSettings()
         self.body = SurfaceQuery(body_faces, body_vertex_count)
-        self.horizon = 4.0 * self.settings.clearance
+        self.horizon = max(4.0 * self.settings.clearance, HORIZON)
         self.edges = topology.edges
         self.vertex_count = topology.vertex_count
         laplacian = topology.uniform_laplacian()
@@ -171,11 +178,17 @@ class Refiner:
             current = start + self._solve(constrained, target - start)
             solves += 1
             ask = np.nonzero(constrained | (np.linalg.norm(current - checked, axis=1) >= safe))[0]
-            hits = body.query(current[ask], exact_within=horizon)
+            hits = body.query(current[ask])  # few, and what is said about them now is final
             surface[ask], normal[ask], checked[ask] = hits.point, hits.normal, current[ask]
             safe[ask] = np.minimum(hits.distance, horizon) - TOUCH
             inside[:] = False
             inside[ask] = safe[ask] < 0.0
+        # Where the body runs through itself the nearest surface can change, and its side with it, although the vertex
+        # crossed none: whatever moved near the body is asked once more.
+        ask = np.nonzero((safe < horizon - TOUCH) & (np.linalg.norm(current - checked, axis=1) > 0.0))[0]
+        if len(ask):
+            hits = body.query(current[ask])
+            surface[ask], normal[ask], inside[ask] = hits.point, hits.normal, hits.distance < TOUCH
         refined, projected, left = self._project(body, current, inside, surface, normal)
         largest = float(np.linalg.norm(refined - start, axis=1).max()) if solves else 0.0
         return refined, FrameStats(first_inside, redirected, solves, projected, left, largest)
@@ -268,18 +281,55 @@ class Refiner:
         """Last resort: put what is still inside straight onto its closest point; float32 vertices, moved, left inside.
 
         In a fold of the body the full clearance can lead into another part of it, so it is halved until the vertex is
-        outside: right above its own closest point it always is.
+        outside. Where the skinned body runs through itself, in an armpit or a groin, the closest point itself can be
+        buried: such a vertex is drawn towards a neighbour that is outside (``_draw_out``).
         """
         refined = vertices.astype(np.float32)
         rest = np.nonzero(inside)[0]
         projected, clearance = len(rest), self.settings.clearance
         for _ in range(PROJECTIONS + 1):
             if len(rest) == 0:
-                break
+                return refined, projected, 0
             refined[rest] = surface[rest] + max(clearance, 1.1 * TOUCH) * normal[rest]
             rest = rest[body.query(refined[rest]).distance < 0.0]
             clearance *= 0.5
-        return refined, projected, len(rest)
+        return refined, projected, self._draw_out(body, refined, rest)
+
+    def _draw_out(self, body: PosedSurface, refined: np.ndarray, buried: np.ndarray) -> int:
+        """Move in place the buried vertices towards neighbours that are outside, ring by ring; number left inside.
+
+        About a vertex outside there is a ball without body, so that halving the way to it must end outside. A piece of
+        garment that is inside as a whole has no such vertex: it goes to the nearest outside vertex of the garment.
+        """
+        outside = np.ones(len(refined), dtype=bool)
+        outside[buried] = False
+        while len(buried):
+            goal = np.full(len(refined), -1)
+            i, j = np.concatenate([self.edges, self.edges[:, ::-1]]).T
+            edge = ~outside[i] & outside[j]
+            # Of several neighbours outside, the nearest is written last and stays.
+            far = np.linalg.norm(refined[i[edge]] - refined[j[edge]], axis=1)
+            order = np.argsort(-far, kind="stable")
+            goal[i[edge][order]] = j[edge][order]
+            ready = buried[goal[buried] >= 0]
+            if len(ready) == 0:
+                free = np.nonzero(outside)[0]
+                if len(free) == 0:
+                    break
+                gap = np.linalg.norm(refined[buried[:1]] - refined[free], axis=1)
+                ready, goal[buried[0]] = buried[:1], free[gap.argmin()]
+            start, end = refined[ready], refined[goal[ready]]
+            left, share = np.arange(len(ready)), np.float32(0.5)
+            for _ in range(HALVINGS):
+                refined[ready[left]] = end[left] + share * (start[left] - end[left])
+                left = left[body.query(refined[ready[left]]).distance < 0.0]
+                if len(left) == 0:
+                    break
+                share *= np.float32(0.5)
+            refined[ready[left]] = end[left]
+            outside[ready] = True
+            buried = buried[~outside[buried]]
+        return len(buried)
 
 
 def refine_sequence(

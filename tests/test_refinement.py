@@ -121,6 +121,32 @@ def test_garment_wholly_inside_is_brought_out() -> None:
     assert SurfaceQuery(faces, len(ball)).query(refined[0], ball).distance.min() > 0
 
 
+def test_vertex_whose_closest_surface_is_buried_is_drawn_out() -> None:
+    # Two balls run through each other, like limbs in an armpit: the surface of either is buried in the other.
+    vertices, topology = sheet(13, size=0.09)
+    vertices[:, 1] = np.abs(vertices[:, 2]) + 0.02 * np.hypot(vertices[:, 0], vertices[:, 2]) + 0.001
+    ball, faces = solid(16, 24, radius=0.03)
+    two = np.concatenate([ball - [0.0, 0.0, 0.012], ball + [0.0, 0.0, 0.012]])
+    both = np.concatenate([faces, faces + len(ball)])
+    query = SurfaceQuery(both, len(two))
+    refiner = Refiner(topology, both, len(two))
+    rng = np.random.default_rng(0)
+    drawn = 0
+    for _ in range(8):
+        scene = two + rng.normal(0.0, 0.0006, 3) + [0.0, rng.uniform(0.0, 0.006), 0.0]
+        refined, stats = refiner.refine_frame(vertices, scene)
+        assert stats.inside_after == 0
+        assert query.query(refined, scene).distance.min() >= 0.0
+        # The last step alone, with closest points that are no help at all.
+        inside = query.query(vertices, scene).distance < 0.0
+        buried = scene[: len(ball)].mean(0) + np.zeros_like(vertices)
+        out, moved, left = refiner._project(refiner.body.at(scene), vertices, inside, buried, np.zeros_like(vertices))
+        assert moved == inside.sum() and left == 0
+        assert query.query(out, scene).distance.min() >= 0.0
+        drawn += moved
+    assert drawn > 50
+
+
 def test_result_moves_with_the_scene() -> None:
     vertices, topology = sheet(15)
     ball, faces = solid(12, 16, radius=0.12)
