@@ -19,6 +19,7 @@ from torch import Tensor
 from models.checkpoint import load_model, save_model
 from models.garment_regressor import Regressor, RegressorConfig
 from models.motion_features import MotionTrack, track_features
+from models.recurrent_regressor import RecurrentRegressor
 from models.sequence_regressor import SequenceRegressor
 from models.training import (
     Progress,
@@ -32,7 +33,11 @@ from models.training import (
 from models.window_regressor import WindowRegressor
 
 KIND = "garment_regressor"
-_NETWORKS: dict[str, type[Regressor]] = {"transformer": SequenceRegressor, "window": WindowRegressor}
+_NETWORKS: dict[str, type[Regressor]] = {
+    "transformer": SequenceRegressor,
+    "window": WindowRegressor,
+    "gru": RecurrentRegressor,
+}
 
 
 @dataclass(frozen=True)
@@ -121,6 +126,8 @@ def fit_garment_regressor(
     raw = np.stack([track_features(e.track, config.features) for e in examples])  # [N, L + T, D]
     vertices = np.stack([e.vertices for e in examples])  # [N, T, V, 3]
     device = prepare(settings.training)
+    if config.decoder == "transformer" and not config.attention_window:
+        config = replace(config, segment=vertices.shape[1])
     regressor = build_regressor(config, faces)
     regressor.set_feature_scaling(raw.reshape(-1, raw.shape[-1]))
     generator = np.random.default_rng(settings.training.seed)
@@ -132,8 +139,11 @@ def fit_garment_regressor(
         codes = torch.stack([regressor.shape.encode(torch.as_tensor(v, device=device)) for v in vertices])
     identity = f"{config} {settings} {array_digest(raw, vertices)}"
     if isinstance(regressor, SequenceRegressor):
-        _fit_start_token(regressor, features, codes, lead, settings, work_dir / "bos", identity)
+        if regressor.bos is not None:
+            _fit_start_token(regressor, features, codes, lead, settings, work_dir / "bos", identity)
         batches, loss = _sequence_training(regressor, features, codes, lead, settings)
+    elif isinstance(regressor, RecurrentRegressor):
+        batches, loss = _memory_training(regressor, features, codes, lead, settings)
     else:
         batches, loss = _frame_training(regressor, features, codes, lead, settings)
 
@@ -227,6 +237,19 @@ def _sequence_training(regressor, features, codes, lead, settings):
             start = regressor.first_token(motion, lead).float()[:, None]
         predicted = regressor.predict_all(motion, torch.cat([start, past], dim=1), lead)
         return _shape_loss(regressor, predicted - truth)
+
+    return batches, loss
+
+
+def _memory_training(regressor, features, codes, lead, settings):
+    """Batches of whole sequences for a network that sees the motion alone, and the loss of Eq. 3."""
+
+    def batches(epoch: int, generator: np.random.Generator) -> Iterator[Tensor]:
+        for rows in shuffled_batches(len(features), settings.batch_size(epoch), generator):
+            yield torch.as_tensor(rows, device=features.device)
+
+    def loss(rows: Tensor) -> dict[str, Tensor]:
+        return _shape_loss(regressor, regressor.unroll(features[rows], lead) - codes[rows])
 
     return batches, loss
 

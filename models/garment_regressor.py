@@ -1,18 +1,21 @@
 """Garment regressor: from a body motion to a sequence of garment shapes (Shi 2023, section 3.3).
 
-In: a ``MotionTrack``. Out: garment vertices in the canonical (pelvis) frame. Three variants stand in ``VARIANTS``:
+In: a ``MotionTrack``. Out: garment vertices in the canonical (pelvis) frame. The variants stand in ``VARIANTS``:
 
 - ``paper``: encoder over all poses, causal decoder over all vertices of the past frames, a start token (BOS) that an
   MLP gives from the mean pose and that was trained against the sequence's last frame; teacher forcing.
+- ``paper-fixed-bos``: the same with a start token of zeros (Table 9).
 - ``steady``: the same encoder and decoder, causal and by distance, over principal coefficients and ``motion`` features,
   correcting a network that goes straight from the motion to the shape.
   In training the decoder sees its own free-running roll-out, noised, in place of the true past with a share that rises
   to ``rollout_share``: under teacher forcing alone errors grow along the sequence, because the network never sees them.
 - ``window``: no garment state at all: an MLP from the motion of the last 0.4 s (at 30 Hz).
+- ``gru``: no garment state either, but a learned memory of the motion.
 
-``models.sequence_regressor`` holds the network of the first two, ``models.window_regressor`` that of the third, and
-``models.garment_fitting`` trains and stores any of them. ``paper`` looks at a whole segment, future poses included; the
-other two are causal and take sequences of any length.
+``models.sequence_regressor`` holds the network of the first three, ``models.window_regressor`` and
+``models.recurrent_regressor`` those of the others, and ``models.garment_fitting`` trains and stores any of them.
+``paper`` looks at a whole segment, future poses included, and is given longer motions in segments, each with a start
+token of its own, as its authors do; the others are causal and take sequences of any length as a whole.
 
 Dimensions: B sequences, L lead-in and T wanted frames, D features, K code size (3 V or the principal coefficients).
 """
@@ -40,10 +43,12 @@ class RegressorConfig:
         variant: Key of ``VARIANTS`` that this config was made from; "custom" for none.
         features: Kind of motion features, see ``models.motion_features``.
         components: Principal coefficients of the shape code; 0 = all coordinates.
-        decoder: "transformer" or "window".
-        width, layers, heads, feed_forward, dropout: Of the Transformer encoder and decoder (paper: M = 2).
+        decoder: "transformer", "window" or "gru".
+        width, layers, heads, feed_forward, dropout: Of the Transformer encoder and decoder (paper: M = 2); of the GRU
+            the first two.
         bos_hidden: Hidden layers of the BOS network.
-        bos_target: Frame that the BOS network is trained against: "last" of the current sequence (paper) or "first".
+        bos_target: Frame that the BOS network is trained against: "last" of the current sequence (paper) or "first";
+            "none": the start token is zero, which is the mean shape.
         attention_window: Frames that attention reaches back; 0 = absolute positions, whole segment, future poses seen.
         input_noise: Noise on the past shapes in training, as a fraction of their spread.
         rollout_share: Share of past frames taken from the model's own roll-out at the end of training; 0 = teacher
@@ -52,6 +57,7 @@ class RegressorConfig:
         window_offsets: Frames into the past whose features enter a frame's input; (0,) = the frame alone (paper).
         window_hidden: Hidden layers of the network that goes straight from the motion to the shape: all of the window
             variant; in the Transformer a path beside the decoder, which then only corrects it. () = none (paper).
+        segment: Frames that a longer motion is cut into; 0 = never cut. Training sets it where positions are absolute.
     """
 
     vertices: int
@@ -72,6 +78,7 @@ class RegressorConfig:
     laplacian_weight: float = 0.1
     window_offsets: tuple[int, ...] = (0,)
     window_hidden: tuple[int, ...] = ()
+    segment: int = 0
 
     def __post_init__(self) -> None:
         # A config read back from a file holds lists where it held tuples.
@@ -79,8 +86,8 @@ class RegressorConfig:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         for name, allowed in (
             ("features", tuple(FEATURE_KINDS)),
-            ("decoder", ("transformer", "window")),
-            ("bos_target", ("last", "first")),
+            ("decoder", ("transformer", "window", "gru")),
+            ("bos_target", ("last", "first", "none")),
         ):
             if getattr(self, name) not in allowed:
                 raise ValueError(f"regressor {name}: {getattr(self, name)!r} is not one of {', '.join(allowed)}")
@@ -95,6 +102,7 @@ RECENT_PAST = (0, 1, 2, 3, 5, 8, 12)
 
 VARIANTS: dict[str, dict] = {
     "paper": {},
+    "paper-fixed-bos": {"bos_target": "none"},
     "steady": {
         "features": "motion",
         "components": 128,
@@ -113,6 +121,7 @@ VARIANTS: dict[str, dict] = {
         "window_offsets": RECENT_PAST,
         "window_hidden": (640, 640, 640),
     },
+    "gru": {"features": "motion", "components": 128, "decoder": "gru", "layers": 1, "width": 384},
 }
 
 
@@ -180,6 +189,11 @@ class Regressor(nn.Module, ABC):
     @torch.no_grad()
     def dress_all(self, tracks: list[MotionTrack], batch: int = 16) -> list[np.ndarray]:
         """``dress`` for many motions; those of equal length and lead-in are decoded side by side."""
+        segment = self.config.segment
+        if segment and any(track.frames > segment for track in tracks):
+            pieces = [_segments(track, segment) for track in tracks]
+            dressed = iter(self.dress_all([piece for some in pieces for piece in some], batch))
+            return [np.concatenate([next(dressed) for _ in some]) for some in pieces]
         was_training = self.training
         self.eval()
         groups: dict[tuple[int, int], list[int]] = {}
@@ -194,3 +208,9 @@ class Regressor(nn.Module, ABC):
                     dressed[number] = vertices
         self.train(was_training)
         return dressed
+
+
+def _segments(track: MotionTrack, length: int) -> list[MotionTrack]:
+    """The wanted frames of a track in pieces of at most ``length`` frames, without lead-in."""
+    first = range(track.lead, len(track.pose), length)
+    return [MotionTrack(track.pose[a : a + length], track.joints[a : a + length], 0, track.fps) for a in first]

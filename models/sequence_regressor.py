@@ -1,7 +1,7 @@
 """Transformer encoder and decoder over garment sequences (Shi 2023, section 3.3; variants ``paper`` and ``steady``).
 
 In: scaled motion features. Out: shape codes, one frame after the other, each from the past ones and the motion.
-The start token (BOS) comes from an MLP that is trained first, on its own, and then frozen.
+The start token (BOS) comes from an MLP that is trained first, on its own, and then frozen, or is zero.
 
 Dimensions: B sequences, L lead-in and T wanted frames, F = L + T, D features, d width, K code size.
 """
@@ -38,7 +38,7 @@ class SequenceRegressor(Regressor):
         self.decoder = nn.ModuleList(DecoderLayer(*sizes) for _ in range(c.layers))
         self.garment_out = nn.Linear(c.width, size)
         self.direct = self.direct_network() if c.window_hidden else None
-        self.bos = mlp((self.feature_size, *c.bos_hidden, size))
+        self.bos = None if c.bos_target == "none" else mlp((self.feature_size, *c.bos_hidden, size))
         if c.attention_window:
             self.biases = nn.ModuleDict(
                 {name: DistanceBias(c.heads, c.attention_window) for name in ("encoder", "self", "cross")}
@@ -47,6 +47,8 @@ class SequenceRegressor(Regressor):
     def first_token(self, features: Tensor, lead: int) -> Tensor:
         """Code [B, K] of the frame before the first: of the mean pose (``paper``) or of the first wanted frame."""
         wanted = features[:, lead:]
+        if self.bos is None:
+            return features.new_zeros(len(features), self.shape.size)
         return self.bos(wanted.mean(1) if self.config.bos_target == "last" else wanted[:, 0])
 
     def encode_motion(self, features: Tensor, lead: int) -> Tensor:
@@ -87,8 +89,8 @@ class SequenceRegressor(Regressor):
             x = layer(x, memory, self_bias, cross_bias)
         return self.garment_out(x).float()
 
-    def unroll(self, features: Tensor, lead: int) -> Tensor:
-        """Greedy auto-regressive codes [B, T, K] with a cache of keys and values.
+    def unroll(self, features: Tensor, lead: int, start: Tensor | None = None) -> Tensor:
+        """Greedy auto-regressive codes [B, T, K] with a cache of keys and values, from ``start [B, K]`` or the BOS.
 
         A frame's output is only needed as the next frame's embedding while the sequence runs, so ``W_in W_out`` is
         folded into one d x d matrix and all shapes are put out by a single product at the end.
@@ -96,13 +98,13 @@ class SequenceRegressor(Regressor):
         window = self.config.attention_window
         memory = self.encode_motion(features, lead)
         frames, numbers = features.shape[1] - lead, self._frames(memory)
-        start = len(numbers) - frames
+        first = len(numbers) - frames
         folded = self.garment_in.weight @ self.garment_out.weight
         folded_bias = self.garment_in.weight @ self.garment_out.bias + self.garment_in.bias
         projected = [layer.cross_attention.keys_values(memory) for layer in self.decoder]
         caches = [KeyValueCache(window or None) for _ in self.decoder]
         positions = None if window else sinusoidal_positions(frames, self.config.width, memory.device)
-        token = self.garment_in(self.first_token(features, lead))[:, None]
+        token = self.garment_in(self.first_token(features, lead) if start is None else start)[:, None]
         straight = self.straight(features, lead)
         beside = straight @ self.garment_in.weight.T if isinstance(straight, Tensor) else None
         outputs = []
@@ -110,10 +112,10 @@ class SequenceRegressor(Regressor):
             x = token if positions is None else token + positions[t]
             self_bias = cross_bias = None
             low, high = 0, len(numbers)
-            now = numbers[start + t : start + t + 1]
+            now = numbers[first + t : first + t + 1]
             if window:
-                low, high = max(0, start + t + 1 - window), start + t + 1
-                self_bias = self._bias("self", now, numbers[max(start, low) : high])
+                low, high = max(0, first + t + 1 - window), first + t + 1
+                self_bias = self._bias("self", now, numbers[max(first, low) : high])
                 cross_bias = self._bias("cross", now, numbers[low:high])
             for layer, cache, (keys, values) in zip(self.decoder, caches, projected, strict=True):
                 reach = (keys[:, :, low:high], values[:, :, low:high])

@@ -69,7 +69,7 @@ def _examples(body: Body, count: int) -> list[GarmentExample]:
 def _untrained(body: Body, variant: str, **overrides) -> Regressor:
     torch.manual_seed(3)
     examples = _examples(body, 3)
-    sizes = {**SMALL, **({"components": 20, "window_hidden": (64,)} if variant != "paper" else {})}
+    sizes = {**SMALL, **({"components": 20, "window_hidden": (64,)} if not variant.startswith("paper") else {})}
     regressor = build_regressor(variant_config(variant, VERTICES, **{**sizes, **overrides}), FACES)
     regressor.shape.fit(np.concatenate([e.vertices for e in examples]), np.random.default_rng(0))
     regressor.set_feature_scaling(
@@ -94,7 +94,7 @@ def test_cached_decoding_equals_decoding_the_whole_prefix_again(body: Body, vari
     np.testing.assert_allclose(cached.numpy(), codes.numpy(), atol=1e-5)
 
 
-@pytest.mark.parametrize("variant", ["steady", "window"])
+@pytest.mark.parametrize("variant", ["steady", "window", "gru"])
 def test_future_motion_does_not_change_earlier_frames(body: Body, variant: str) -> None:
     model = _untrained(body, variant)
     track = _track(body, 7)
@@ -106,9 +106,27 @@ def test_future_motion_does_not_change_earlier_frames(body: Body, variant: str) 
     assert np.abs(a[6:] - b[6:]).max() > 1e-5
 
 
-def test_window_and_steady_take_longer_sequences_than_they_were_trained_on(body: Body) -> None:
-    for variant in ("steady", "window"):
-        assert _untrained(body, variant).dress(_track(body, 8, frames=80)).shape == (80, VERTICES, 3)
+def test_longer_sequences_than_were_trained_on(body: Body) -> None:
+    track = _track(body, 8, frames=80)
+    for variant in ("steady", "window", "gru"):
+        assert _untrained(body, variant).dress(track).shape == (80, VERTICES, 3)
+    # The paper's decoder knows absolute positions: its segments each begin anew.
+    paper = _untrained(body, "paper", segment=30)
+    dressed = paper.dress(track)
+    assert dressed.shape == (80, VERTICES, 3)
+    alone = MotionTrack(track.pose[LEAD + 30 : LEAD + 60], track.joints[LEAD + 30 : LEAD + 60], 0, 30.0)
+    np.testing.assert_allclose(dressed[30:60], paper.dress(alone), atol=1e-6)
+
+
+def test_fixed_start_token_is_the_mean_shape_and_a_given_start_replaces_it(body: Body) -> None:
+    model = _untrained(body, "paper-fixed-bos")
+    features = model.features(_track(body, 3))[None]
+    token = model.first_token(features, LEAD)
+    np.testing.assert_array_equal(model.shape.decode(token)[0].numpy(), model.shape.mean.numpy())
+    with torch.no_grad():
+        same, other = model.unroll(features, LEAD, token), model.unroll(features, LEAD, token + 1.0)
+        np.testing.assert_array_equal(same.numpy(), model.unroll(features, LEAD).numpy())
+    assert np.abs(other.numpy() - same.numpy()).max() > 1e-3
 
 
 def test_principal_code_gives_the_same_loss_as_all_coordinates() -> None:
@@ -129,7 +147,7 @@ def test_principal_code_gives_the_same_loss_as_all_coordinates() -> None:
 def test_every_variant_learns_a_small_set_and_survives_its_file(body: Body, variant: str, tmp_path: Path) -> None:
     examples = _examples(body, 4)
     sizes = {**SMALL, "width": 32, "dropout": 0.0}
-    if variant != "paper":
+    if not variant.startswith("paper"):
         sizes |= {"components": 20, "window_hidden": (64,)}
     config = variant_config(variant, VERTICES, **sizes)
     epochs = 40
