@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from benchmarks import speed, starts
+from benchmarks import runtime, speed, starts
 from benchmarks.measure import cleanliness
 from benchmarks.peers.recording import FrameClock, PeerRun, record
 from benchmarks.scene import LEAD_IN, SETTLE_SECONDS, Scene, hinge_stiffness, make_scene, spring_stiffness
 from body.model import Body
 from garments.build import build_template
 from garments.spec import GarmentSpec
+from garments.template import GarmentTemplate
+from motions.procedural import generate_clip
 from sim.rest_state import isometric_hinge_weights
 
 FRAMES = 3
@@ -200,3 +202,17 @@ def test_a_wrong_command_line_ends_in_one_sentence():
         speed.parsed(["--garments", "cape:10"])
     with pytest.raises(ValueError, match=r"substeps 0.* at least 1, 1 and 2"):
         speed.parsed(["--substeps", "0"])
+
+
+def test_runtime_sums_its_parts_and_finds_vertices_inside(template):
+    body = Body.load("full")
+    clip = generate_clip("walk", 0, 4, 30.0, 0, body)
+    small = GarmentTemplate.load(template)
+    rows = runtime.animation_rows(body, small, clip, repetitions=1)
+    times = {(row["part"], row["model"]): row["median_ms"] for row in rows}
+    parts = times["draw poses", "paper"] + times["body", "-"] + times["garment", "paper"]
+    assert times["label to dressed body", "paper"] == pytest.approx(parts)
+    assert times["the same, feet planted", "ours"] > times["label to dressed body", "ours"] > 0.0
+    refined = runtime.refinement_row(body, small, clip, repetitions=1)
+    assert refined["vertices"] == 250 and refined["median_ms"] > 0.0
+    assert int(refined["model"].removesuffix(" inside")) > 0
