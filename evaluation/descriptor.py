@@ -1,7 +1,7 @@
 """How well shape descriptors keep a garment, beside principal components of equal dimension (Wang 2019, Fig. 6 and 7).
 
 In: trained descriptors, training frames and test frames per split, all in the canonical frame [m]. Out: rows, one a
-method, dimension and split.
+method, dimension and split. Shapes that no frame has: ``evaluation/descriptor_shapes.py``.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ def descriptor_rows(
     splits: Mapping[str, np.ndarray],
     dimensions: Sequence[int] = (),
     seed: int = 0,
+    clips: Mapping[str, np.ndarray] | None = None,
 ) -> list[Row]:
     """Reconstruction errors of each descriptor, and of PCA at the descriptors' and the further ``dimensions``.
 
@@ -33,10 +34,13 @@ def descriptor_rows(
         splits: Test frames [M, V, 3] by the name of their split.
         dimensions: Further numbers of components to list.
         seed: Of the randomized decomposition.
+        clips: Number of the clip of each test frame, shape [M], by the name of the split.
 
     Returns:
-        Rows with ``rmse_mm`` (RMS over the vertices of a frame, mean over the frames), ``p95_frame_rmse_mm``, and
-        ``laplacian_rmse_mm`` (the same of the mesh Laplacian: the detail).
+        Rows with ``rmse_mm`` (RMS over the vertices of a frame, mean over the frames), ``over_pca`` (that over the
+        same of PCA of equal dimension), ``p95_frame_rmse_mm``, ``laplacian_rmse_mm`` (of the mesh Laplacian: the
+        detail), and where the clips are known ``clip_rmse_mm`` and ``clip_over_pca``: mean over the clips, so that a
+        clip simulated under forty parameter sets weighs as much as one under one.
     """
     if not modules:
         raise ValueError("descriptor evaluation: at least one trained descriptor is needed")
@@ -44,21 +48,32 @@ def descriptor_rows(
     wanted = sorted({m.config.code for m in modules} | set(dimensions))
     counts = [count for count in wanted if count <= most]
     laplacian = MeshTopology.from_faces(modules[0].faces.cpu().numpy(), training.shape[1]).uniform_laplacian()
+    pca = fit_pca(training.reshape(len(training), -1), counts[-1], seed) if counts else None
     rows: list[Row] = []
     for split, frames in splits.items():
+        of = None if clips is None else clips[split]
+        linear: dict[int, Row] = {}
+        coefficients = _by_blocks(frames, lambda v: pca.encode(v.reshape(len(v), -1))) if counts else None
+        for count in counts:
+            rebuilt = pca.decode(coefficients[:, :count]).reshape(frames.shape)
+            linear[count] = _errors(frames, rebuilt, laplacian, of)
         for module in modules:
             rebuilt = _by_blocks(frames, lambda v, m=module: decode_all(m, encode_all(m, v)))
-            labels = {"method": f"descriptor, {module.config.variant}", "dimension": module.config.code}
-            rows.append({"split": split, **labels, **_errors(frames, rebuilt, laplacian)})
-    if counts:
-        pca = fit_pca(training.reshape(len(training), -1), counts[-1], seed)
-        for split, frames in splits.items():
-            coefficients = _by_blocks(frames, lambda v: pca.encode(v.reshape(len(v), -1)))
-            for count in counts:
-                rebuilt = pca.decode(coefficients[:, :count]).reshape(frames.shape)
-                labels = {"method": "PCA", "dimension": count}
-                rows.append({"split": split, **labels, **_errors(frames, rebuilt, laplacian)})
+            errors = _errors(frames, rebuilt, laplacian, of)
+            beside = linear.get(module.config.code)
+            if beside:
+                errors["over_pca"] = errors["rmse_mm"] / beside["rmse_mm"]
+                if of is not None:
+                    errors["clip_over_pca"] = errors["clip_rmse_mm"] / beside["clip_rmse_mm"]
+            rows.append({"split": split, "method": method_name(module), "dimension": module.config.code, **errors})
+        rows += [{"split": split, "method": "PCA", "dimension": count, **errors} for count, errors in linear.items()]
     return rows
+
+
+def method_name(module: ShapeDescriptor) -> str:
+    """What a descriptor is called in tables: its variant, and whether the Laplacian term (Fig. 6) was left out."""
+    without = "" if module.config.laplacian_weight else ", no Laplacian term"
+    return f"descriptor, {module.config.variant}{without}"
 
 
 def interpolate_shapes(module: ShapeDescriptor, first: np.ndarray, second: np.ndarray, steps: int) -> np.ndarray:
@@ -70,18 +85,23 @@ def interpolate_shapes(module: ShapeDescriptor, first: np.ndarray, second: np.nd
     return decode_all(module, (1.0 - share) * codes[0] + share * codes[1])
 
 
-def _errors(truth: np.ndarray, rebuilt: np.ndarray, laplacian) -> Row:
+def _errors(truth: np.ndarray, rebuilt: np.ndarray, laplacian, clips: np.ndarray | None) -> Row:
     vertex, detail = [], []
     for a, b in zip(truth, rebuilt, strict=True):
         difference = b - a
         vertex.append(np.sqrt(np.mean(np.sum(difference**2, axis=1))))
         detail.append(np.sqrt(np.mean(np.sum((laplacian @ difference) ** 2, axis=1))))
-    return {
+    row: Row = {
         "frames": len(truth),
         "rmse_mm": 1e3 * float(np.mean(vertex)),
         "p95_frame_rmse_mm": 1e3 * float(np.percentile(vertex, 95)),
         "laplacian_rmse_mm": 1e3 * float(np.mean(detail)),
     }
+    if clips is not None:
+        _, number = np.unique(clips, return_inverse=True)
+        sums = np.bincount(number, weights=vertex) / np.bincount(number)
+        row |= {"clips": len(sums), "clip_rmse_mm": 1e3 * float(np.mean(sums))}
+    return row
 
 
 def _by_blocks(frames: np.ndarray, function: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:

@@ -1,6 +1,8 @@
 """Shape descriptor: garment vertices to a short code and back (Wang 2019, section 3.3).
 
 In: garment vertices in the canonical frame of their own frame (pelvis frame). Out: ``S = N_E(V)`` and ``V' = N_D(S)``.
+One architecture for any garment and resolution: only its outermost layers know V, and a file of one garment is refused
+for another. Training: ``models/descriptor_fitting.py``.
 
 Dimensions: B frames of a batch, N frames of a data set, V garment vertices, F faces, C code length, K components.
 
@@ -16,10 +18,8 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -27,13 +27,13 @@ from torch import Tensor, nn
 
 from geometry.topology import MeshTopology
 from models.checkpoint import load_model, save_model
-from models.pca import Pca, fit_pca
-from models.training import Progress, TrainingSettings, array_digest, prepare, shuffled_batches, train
 
 KIND = "shape_descriptor"
 VARIANTS = ("paper", "residual-pca")
 _EVALUATION_BATCH = 256
 _TINY = 1e-12
+_REACH = 6.0
+"""Standard deviations at which the networks' inputs end: what no training frame held must not drive them anywhere."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ class ResidualPcaDescriptor(ShapeDescriptor):
     def code_of(self, coefficients: Tensor) -> Tensor:
         """Descriptor [B, C] of principal coefficients [B, K] [m]."""
         whitened = coefficients / self.deviations
-        kept = whitened[:, : self.config.code] + self.encoder(whitened)
+        kept = whitened[:, : self.config.code] + self.encoder(whitened.clamp(-_REACH, _REACH))
         return kept * (self.deviations[: self.config.code] / self.deviations[0])
 
     def coefficients_of(self, code: Tensor) -> Tensor:
@@ -182,105 +182,12 @@ def descriptor_loss(module: ShapeDescriptor, predicted: Tensor, target: Tensor) 
     return {"total": total.mean(), "vertex_rmse_m": vertex.mean(), "laplacian_rmse_m": laplacian.mean()}
 
 
-def fit_shape_descriptor(
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    config: ShapeDescriptorConfig,
-    settings: TrainingSettings,
-    work_dir: Path | str,
-    validation: np.ndarray | None = None,
-    progress: Progress | None = None,
-) -> ShapeDescriptor:
-    """Train a descriptor on ``vertices [N, V, 3]`` float32 [m] in the canonical frame; it is left in eval mode.
-
-    ``validation [M, V, 3]`` is measured after the epochs that the settings name. Raises ``ValueError`` on bad shapes.
-    """
-    if vertices.ndim != 3 or vertices.shape[2] != 3 or len(vertices) < 2:
-        raise ValueError(f"garment frames: expected shape [N >= 2, V, 3], got {list(vertices.shape)}")
-    count = vertices.shape[1]
-    flat = np.ascontiguousarray(vertices, dtype=np.float32).reshape(len(vertices), 3 * count)
-    device = prepare(settings)
-    if config.variant == "paper":
-        module = PaperDescriptor(config, faces, count)
-        module.mean.copy_(torch.from_numpy(flat.mean(axis=0)))
-        module.scale.fill_(max(float(np.sqrt(np.mean(flat.var(axis=0)))), 1e-6))
-        epoch_batches, loss = _paper_training(module, flat, device)
-    else:
-        most = min(len(flat) - 1, flat.shape[1])
-        pca = fit_pca(flat, min(config.components, most), settings.seed)
-        module = ResidualPcaDescriptor(config, faces, count, len(pca.deviations))
-        set_components(module, pca)
-        epoch_batches, loss = _coefficient_training(module, flat, device)
-
-    def validate() -> dict[str, float]:
-        return reconstruction_terms(module, validation)
-
-    identity = f"{KIND} {asdict(config)} {array_digest(flat, np.asarray(faces))}"
-    check = None if validation is None else validate
-    train(module, epoch_batches, loss, settings, work_dir, check, progress, identity)
-    return module
-
-
-def set_components(module: ResidualPcaDescriptor, pca: Pca) -> None:
-    """Put fitted components into the buffers; deviations get a floor, so that noise is not blown up by whitening."""
-    module.mean.copy_(torch.from_numpy(pca.mean))
-    module.components.copy_(torch.from_numpy(pca.components))
-    floor = max(1e-4 * float(pca.deviations[0]), 1e-9)
-    module.deviations.copy_(torch.from_numpy(np.maximum(pca.deviations, floor)))
-
-
-def _paper_training(module: PaperDescriptor, flat: np.ndarray, device: torch.device):
-    data = torch.from_numpy(flat).unflatten(1, (-1, 3)).to(device)
-
-    def epoch_batches(epoch: int, generator: np.random.Generator) -> Iterator[Tensor]:
-        for index in shuffled_batches(len(data), module.config.batch, generator):
-            yield data[torch.from_numpy(index).to(device)]
-
-    return epoch_batches, lambda batch: descriptor_loss(module, module(batch), batch)
-
-
-def _coefficient_training(module: ResidualPcaDescriptor, flat: np.ndarray, device: torch.device):
-    """Batches and loss on principal coefficients.
-
-    Vertex term: ``|V - V'|^2 = |c - c'|^2 + rest``, where the rest of a frame lies outside of the components. Laplacian
-    term: ``|Lap B^T (c - c')|`` inside of the components, by the Cholesky-like factor of ``B Lap^T Lap B^T``.
-    """
-    basis = module.components
-    columns = basis.unflatten(1, (-1, 3)).transpose(0, 1).flatten(1)
-    bent = torch.sparse.mm(module.laplacian, columns).unflatten(1, (len(basis), 3)).transpose(0, 1).flatten(1).double()
-    values, vectors = torch.linalg.eigh(bent @ bent.T)
-    factor = (vectors * values.clamp(min=0.0).sqrt()).float().to(device)
-    centred = [torch.from_numpy(flat[i : i + 4096]) - module.mean for i in range(0, len(flat), 4096)]
-    coefficients = torch.cat([block @ basis.T for block in centred])
-    energy = torch.cat([block.square().sum(1) for block in centred])
-    del centred
-    rest = (energy - coefficients.square().sum(1)).clamp(min=0.0).to(device)
-    coefficients = coefficients.to(device)
-    count = module.vertex_count
-    alpha = module.config.laplacian_weight
-
-    def epoch_batches(epoch: int, generator: np.random.Generator) -> Iterator[tuple[Tensor, Tensor]]:
-        for index in shuffled_batches(len(coefficients), module.config.batch, generator):
-            chosen = torch.from_numpy(index).to(device)
-            yield coefficients[chosen], rest[chosen]
-
-    def loss(batch: tuple[Tensor, Tensor]) -> dict[str, Tensor]:
-        target, outside = batch
-        difference = module.coefficients_of(module.code_of(target)) - target
-        vertex = ((difference.square().sum(1) + outside) / count + _TINY).sqrt()
-        laplacian = ((difference @ factor).square().sum(1) / count + _TINY).sqrt()
-        total = vertex + alpha * laplacian
-        return {"total": total.mean(), "vertex_rmse_m": vertex.mean(), "laplacian_rmse_m": laplacian.mean()}
-
-    return epoch_batches, loss
-
-
 @torch.no_grad()
 def reconstruction_terms(module: ShapeDescriptor, vertices: np.ndarray) -> dict[str, float]:
     """Loss terms of ``vertices [N, V, 3]`` [m], mean over the frames."""
     sums: dict[str, float] = {}
     for start in range(0, len(vertices), _EVALUATION_BATCH):
-        block = _on_device(module, vertices[start : start + _EVALUATION_BATCH])
+        block = on_device(module, vertices[start : start + _EVALUATION_BATCH])
         for name, value in descriptor_loss(module, module(block), block).items():
             sums[name] = sums.get(name, 0.0) + float(value) * len(block)
     return {name: value / len(vertices) for name, value in sums.items()}
@@ -290,7 +197,7 @@ def reconstruction_terms(module: ShapeDescriptor, vertices: np.ndarray) -> dict[
 def encode_all(module: ShapeDescriptor, vertices: np.ndarray) -> np.ndarray:
     """Descriptors [N, C] float32 of ``vertices [N, V, 3]`` [m], batch by batch."""
     starts = range(0, len(vertices), _EVALUATION_BATCH)
-    blocks = [module.encode(_on_device(module, vertices[i : i + _EVALUATION_BATCH])).cpu() for i in starts]
+    blocks = [module.encode(on_device(module, vertices[i : i + _EVALUATION_BATCH])).cpu() for i in starts]
     return torch.cat(blocks).numpy() if blocks else np.zeros((0, module.config.code), np.float32)
 
 
@@ -298,7 +205,7 @@ def encode_all(module: ShapeDescriptor, vertices: np.ndarray) -> np.ndarray:
 def decode_all(module: ShapeDescriptor, codes: np.ndarray) -> np.ndarray:
     """Vertices [N, V, 3] float32 [m] of ``codes [N, C]``, batch by batch."""
     starts = range(0, len(codes), _EVALUATION_BATCH)
-    blocks = [module.decode(_on_device(module, codes[i : i + _EVALUATION_BATCH])).cpu() for i in starts]
+    blocks = [module.decode(on_device(module, codes[i : i + _EVALUATION_BATCH])).cpu() for i in starts]
     return torch.cat(blocks).numpy() if blocks else np.zeros((0, module.vertex_count, 3), np.float32)
 
 
@@ -307,15 +214,25 @@ def save_shape_descriptor(path: str | os.PathLike, module: ShapeDescriptor) -> N
     save_model(path, KIND, asdict(module.config), module)
 
 
-def load_shape_descriptor(path: str | os.PathLike) -> ShapeDescriptor:
-    """Read a descriptor, on the CPU in eval mode; raises ``ValueError`` when the file is not one."""
+def load_shape_descriptor(path: str | os.PathLike, faces: np.ndarray | None = None) -> ShapeDescriptor:
+    """Read a descriptor, on the CPU in eval mode.
+
+    Raises ``ValueError`` when the file is not one, or is of a garment of another topology than ``faces [F, 3]``.
+    """
     stored = load_model(path, KIND)
     config = ShapeDescriptorConfig(**stored.config)
-    faces, mean = stored.state["faces"].numpy(), stored.state["mean"]
+    own, mean = stored.state["faces"].numpy(), stored.state["mean"]
+    count = len(mean) // 3
+    if faces is not None and not np.array_equal(own, faces):
+        other = f"{int(np.max(faces)) + 1} vertices and {len(faces)} triangles"
+        raise ValueError(
+            f"{path} describes a garment of {count} vertices and {len(own)} triangles, not this one of {other}"
+            f"{', connected otherwise' if own.shape == np.shape(faces) else ''}: train a descriptor for it"
+        )
     if config.variant == "paper":
-        module: ShapeDescriptor = PaperDescriptor(config, faces, len(mean) // 3)
+        module: ShapeDescriptor = PaperDescriptor(config, own, count)
     else:
-        module = ResidualPcaDescriptor(config, faces, len(mean) // 3, len(stored.state["deviations"]))
+        module = ResidualPcaDescriptor(config, own, count, len(stored.state["deviations"]))
     stored.into(module)
     return module
 
@@ -344,5 +261,6 @@ def _rms(difference: Tensor) -> Tensor:
     return (difference.square().sum(-1).mean(-1) + _TINY).sqrt()
 
 
-def _on_device(module: ShapeDescriptor, array: np.ndarray) -> Tensor:
+def on_device(module: ShapeDescriptor, array: np.ndarray) -> Tensor:
+    """An array as float32 where the module is."""
     return torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32)).to(module.mean.device)

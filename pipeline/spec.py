@@ -156,6 +156,15 @@ def garment_name_spec(garment: str) -> str:
 
 def _learning(config: Config) -> dict:
     return {"seed": config["seed"], "body": config["body"], "splits": config["data"]["splits"]}
+def curve_spec(config: Config, garment: str) -> str:
+    """The shape descriptor in use, at the lengths of the curve and for the curve's epochs."""
+    settings = config["models"]["shape_descriptor"]
+    model, curve = settings["variants"][settings["use"]], settings["curve"]
+    model = model | {"training": model["training"] | {"epochs": curve["epochs"]}}
+    spec = _learning(config) | {"garment": garment, "variant": settings["use"], "model": model}
+    return canonical(spec | {"codes": curve["codes"]})
+
+
 
 
 def _labels(config: Config, clips: list[PlannedClip]) -> dict:
@@ -199,3 +208,8 @@ def render_spec(config: Config, garment: str) -> str:
 def report_spec(config: Config) -> str:
     """The page prints the whole configuration."""
     return canonical({k: v for k, v in config.items() if k != "compute"})
+def descriptor_figures_spec(config: Config, garment: str) -> str:
+    """Pictures of a garment's shape descriptor."""
+    return canonical(_learning(config) | {"garment": garment, "report": config["report"]})
+
+

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from datasets.splits import TRAIN, UNSEEN_BOTH
 from garments.template import GarmentTemplate
-from models.shape_descriptor import ShapeDescriptorConfig, fit_shape_descriptor, save_shape_descriptor
+from models.descriptor_fitting import fit_shape_descriptor
+from models.shape_descriptor import ShapeDescriptorConfig, save_shape_descriptor
 from pipeline.sequence_data import canonical_frames, job_body, job_sequences
 from pipeline.stage import Job, run_stage
 from pipeline.training_job import TrainingProgress, settings_of, training_settings, work_dir

@@ -164,6 +164,25 @@ class Gallery:
         image = side_by_side(images, ["predicted", "refined", "moved by"])[0]
         self._image("refined", image, f"{self.garment}, {before.label}", caption, "Refinement", before, numbers)
 
+    def still(self, garment: np.ndarray, body: np.ndarray, **drawing: Any) -> np.ndarray:
+        """One small picture for a sheet, uint8 [H, W, 3]; ``drawing`` as in ``report.render.render_frame``."""
+        size = self._small(0.5)
+        return render_frame(garment, body=body, size=size, colour=self.colour, **drawing, **self.faces)
+
+    def sheet(
+        self,
+        kind: str,
+        rows: Sequence[Sequence[np.ndarray]],
+        row_labels: Sequence[str],
+        column_labels: Sequence[str],
+        caption: str,
+        alt: str,
+        **numbers: Any,
+    ) -> None:
+        """Rows of stills, labelled."""
+        sheet = contact_sheet(rows, row_labels, column_labels)
+        self._image(kind, sheet, self.garment, caption, alt, numbers=numbers)
+
     def write(self, **more: Any) -> None:
         """Write the list of the pictures."""
         listing = {"garment": self.garment, "fps": self.fps, **more, "figures": self.entries}

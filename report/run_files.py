@@ -19,6 +19,7 @@ STAGE_ORDER = (
     "motions",
     "simulate",
     "train_shape_descriptor",
+    "train_descriptor_curve",
     "train_motion_invariant",
     "train_recognition",
     "train_motion_cvae",
@@ -31,6 +32,7 @@ STAGE_ORDER = (
     "evaluate_garment_regressor",
     "time_solvers",
     "render",
+    "render_descriptor",
 )
 
 MEDIA_TYPES = {".png": "image/png", ".webp": "image/webp", ".jpg": "image/jpeg", ".svg": "image/svg+xml"}
@@ -43,7 +45,8 @@ class Picture:
     Attributes:
         garment: Whose picture it is.
         file: Where it lies.
-        kind: ``hero``, ``contact``, ``simulated``, ``materials``, ``error``, ``refined`` or ``generated``.
+        kind: ``hero``, ``contact``, ``simulated``, ``materials``, ``error``, ``refined``, ``generated``,
+            ``descriptor_error``, ``descriptor_between`` or ``descriptor_implausible``.
         title, caption, alt: Texts; ``alt`` says what is to be seen.
         width, height: Size [px].
         animated: Whether it moves.

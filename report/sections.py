@@ -110,6 +110,13 @@ class Sections:
         if rows and size and any(is_number(r.get("rmse_mm")) for r in rows):
             name = _first(rows, "method", "variant")
             blocks = [self._chart("descriptor_curve", lambda: plots.dimension_curves(rows, "rmse_mm", "RMSE [mm]", size, name)), *blocks]  # fmt: skip  # noqa: E501
+        blocks += [
+            self._pictures("descriptor_error"),
+            *self._table("descriptor_interpolation", mark=False),
+            self._pictures("descriptor_between"),
+            *self._table("descriptor_projection", mark=False),
+            self._pictures("descriptor_implausible"),
+        ]
         return Section(
             "shape-descriptor",
             "Shape descriptor",

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
 
-from evaluation.descriptor import descriptor_rows, interpolate_shapes
+from evaluation.descriptor import descriptor_rows, interpolate_shapes, method_name
+from evaluation.descriptor_shapes import NearestFrames, interpolation_rows, projection_rows
 from geometry.topology import MeshTopology
+from models.descriptor_fitting import PrincipalFrames, fit_shape_descriptor, set_components
 from models.pca import fit_pca
 from models.shape_descriptor import (
     ResidualPcaDescriptor,
@@ -15,11 +19,9 @@ from models.shape_descriptor import (
     decode_all,
     descriptor_loss,
     encode_all,
-    fit_shape_descriptor,
     load_shape_descriptor,
     reconstruction_terms,
     save_shape_descriptor,
-    set_components,
 )
 from models.training import TrainingSettings
 
@@ -148,7 +150,7 @@ def test_rows_name_methods_and_errors(tmp_path):
     module, vertices = fitted("residual-pca", tmp_path, epochs=1)
     rows = descriptor_rows([module], vertices, {"train": vertices, "unseen_both": vertices[:9] * 1.01}, (2, 6, 9999))
     kept = [(r["split"], r["method"], r["dimension"]) for r in rows]
-    assert kept[:2] == [("train", "descriptor, residual-pca", 6), ("unseen_both", "descriptor, residual-pca", 6)]
+    assert kept[:2] == [("train", "descriptor, residual-pca", 6), ("train", "PCA", 2)]
     assert ("unseen_both", "PCA", 2) in kept
     assert len(rows) == 6
     flat = vertices.reshape(len(vertices), -1)
@@ -163,3 +165,120 @@ def test_interpolation_ends_at_the_reconstructions(tmp_path):
     module, vertices = fitted("residual-pca", tmp_path, epochs=1)
     path = interpolate_shapes(module, vertices[0], vertices[1], 5)
     assert np.allclose(path[[0, -1]], decode_all(module, encode_all(module, vertices[:2])), atol=1e-6)
+
+
+def sheet(columns: int, rows: int, frames: int = 24) -> tuple[np.ndarray, np.ndarray]:
+    """Frames of a waving sheet of any resolution and its faces."""
+    u, v = (a.ravel() for a in np.meshgrid(np.arange(columns) / columns, np.arange(rows) / rows))
+    phase = np.linspace(0, 5, frames)[:, None]
+    moved = np.stack([u + 0 * phase, 0 * phase - v, 0.1 * np.sin(5 * u + phase) * v], axis=-1)
+    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    lower = np.stack([corner, corner + 1, corner + columns], axis=1)
+    upper = np.stack([corner + 1, corner + columns + 1, corner + columns], axis=1)
+    return moved.astype(np.float32), np.concatenate([lower, upper]).astype(np.int32)
+
+
+@pytest.mark.parametrize("variant", CONFIGS)
+def test_one_architecture_for_any_resolution(variant, tmp_path):
+    """Only the outermost layers know the number of vertices; a file of one garment is refused for another."""
+    settings = TrainingSettings(epochs=1, device="cpu", learning_rate=1e-4)
+    inner = {}
+    for columns, rows in ((40, 20), (66, 50)):
+        vertices, faces = sheet(columns, rows)
+        module = fit_shape_descriptor(vertices, faces, CONFIGS[variant], settings, tmp_path / f"{columns}")
+        assert module(torch.from_numpy(vertices[:3])).shape == (3, columns * rows, 3)
+        sizes = {name: tuple(p.shape) for name, p in module.named_parameters()}
+        inner[columns] = {n: s for n, s in sizes.items() if 3 * columns * rows not in s}
+        save_shape_descriptor(tmp_path / f"{columns}.pt", module)
+    assert inner[40] == inner[66]
+    assert len(inner[40]) >= 6
+    with pytest.raises(ValueError, match=r"40.pt describes a garment of 800 vertices and 1482 triangles, not this one"):
+        load_shape_descriptor(tmp_path / "40.pt", faces)
+    other = sheet(40, 20)[1][:, [1, 2, 0]]
+    with pytest.raises(ValueError, match="connected otherwise: train a descriptor for it"):
+        load_shape_descriptor(tmp_path / "40.pt", other)
+    assert load_shape_descriptor(tmp_path / "40.pt", sheet(40, 20)[1]).vertex_count == 800
+
+
+def test_no_laplacian_term_is_named_and_changes_what_is_learned(tmp_path):
+    vertices, faces = cloth()
+    settings = TrainingSettings(epochs=40, learning_rate=3e-3, device="cpu")
+    frames = PrincipalFrames.of(vertices, faces, 24, 0)
+    made = {}
+    for weight in (1.0, 0.0):
+        config = dataclasses.replace(CONFIGS["residual-pca"], laplacian_weight=weight)
+        made[weight] = fit_shape_descriptor(vertices, faces, config, settings, tmp_path / f"{weight}", frames=frames)
+    assert method_name(made[0.0]) == "descriptor, residual-pca, no Laplacian term"
+    assert method_name(made[1.0]) == "descriptor, residual-pca"
+    detail = {w: reconstruction_terms(m, vertices)["laplacian_rmse_m"] for w, m in made.items()}
+    assert detail[1.0] < 0.95 * detail[0.0]
+
+
+def test_shared_components_give_the_same_descriptor(tmp_path):
+    alone, vertices = fitted("residual-pca", tmp_path / "a", epochs=2)
+    settings = TrainingSettings(epochs=2, learning_rate=3e-3, device="cpu")
+    frames = PrincipalFrames.of(vertices, cloth()[1], 24, 0)
+    shared = fit_shape_descriptor(
+        vertices, cloth()[1], CONFIGS["residual-pca"], settings, tmp_path / "b", frames=frames
+    )
+    assert np.array_equal(encode_all(alone, vertices), encode_all(shared, vertices))
+
+
+def test_clips_weigh_alike_in_the_mean_over_clips(tmp_path):
+    module, vertices = fitted("residual-pca", tmp_path, epochs=1)
+    test = np.concatenate([vertices[:30], vertices[30:31] * 1.2])
+    clips = {"unseen_motions": np.repeat([4, 7], [30, 1])}
+    rows = descriptor_rows([module], vertices, {"unseen_motions": test}, (6,), 0, clips)
+    errors = [descriptor_rows([module], vertices, {"x": part}, (6,))[0]["rmse_mm"] for part in (test[:30], test[30:])]
+    assert rows[0]["clip_rmse_mm"] == pytest.approx(np.mean(errors), rel=1e-4)
+    assert rows[0]["rmse_mm"] == pytest.approx((30 * errors[0] + errors[1]) / 31, rel=1e-4)
+    assert rows[0]["over_pca"] == pytest.approx(rows[0]["rmse_mm"] / rows[1]["rmse_mm"], rel=1e-6)
+
+
+def test_interpolation_is_held_against_the_straight_way(tmp_path):
+    """A sheet that turns: the straight way of its vertices shrinks it, by cos(angle / 2) in the middle."""
+    template, faces = (a[0] if a.ndim == 3 else a for a in cloth(1))
+    edges = MeshTopology.from_faces(faces).edges
+    turn = np.deg2rad(90)
+    matrix = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
+    first, second = template[None], (template @ matrix.T)[None].astype(np.float32)
+    module, _ = fitted("residual-pca", tmp_path, epochs=1)
+    learned, straight = interpolation_rows([module], first, second, template, edges, steps=3)
+    assert straight["method"] == "straight way of each vertex"
+    assert straight["ends_p99_strain_percent"] == pytest.approx(0.0, abs=1e-3)
+    along = np.linalg.norm((first + second)[0][edges[:, 0]] - (first + second)[0][edges[:, 1]], axis=1) / 2
+    rest = np.linalg.norm(template[edges[:, 0]] - template[edges[:, 1]], axis=1)
+    assert straight["p99_strain_percent"] == pytest.approx(100 * np.percentile(np.abs(along / rest - 1), 99), rel=1e-3)
+    assert straight["edge_deviation_percent"] == pytest.approx(100 * np.mean(np.abs(along - rest) / rest), rel=1e-2)
+    assert (learned["method"], learned["dimension"], learned["pairs"]) == ("descriptor, residual-pca", 6, 1)
+    with pytest.raises(ValueError, match="at least 3 steps"):
+        interpolation_rows([module], first, second, template, edges, steps=2)
+    with pytest.raises(ValueError, match="expected pairs of frames"):
+        interpolation_rows([module], first, second[:0], template, edges)
+
+
+def test_implausible_shapes_become_plausible(tmp_path):
+    module, vertices = fitted("residual-pca", tmp_path, epochs=60)
+    topology = MeshTopology.from_faces(cloth()[1])
+    template = cloth(1)[0][0]
+    pca = fit_pca(vertices.reshape(len(vertices), -1), 6)
+    rows = projection_rows([module], pca, vertices, vertices[:20], template, topology.edges)
+    by = {(r["shape"], r["method"]): r for r in rows}
+    assert len({r["shape"] for r in rows}) == 4
+    for shape in ("noise", "pulled out"):
+        given, ours = by[shape, "as given"], by[shape, "descriptor, residual-pca"]
+        assert given["moved_mm"] == 0.0
+        assert ours["p99_strain_percent"] < given["p99_strain_percent"]
+        assert ours["nearest_mm"] < given["nearest_mm"]
+        assert by[shape, "nearest training frame"]["nearest_mm"] == pytest.approx(0.0, abs=1e-4)
+    # What no training frame held must not send the network anywhere: the result stays as near as PCA brings it.
+    for shape in {r["shape"] for r in rows}:
+        assert by[shape, "descriptor, residual-pca"]["nearest_mm"] < 2 * by[shape, "PCA"]["nearest_mm"]
+
+
+def test_nearest_frame_is_the_nearest():
+    frames, _ = cloth(50)
+    search = NearestFrames(frames)
+    found, distance = search.nearest(frames[[7, 31]] + np.float32(0.001))
+    assert np.array_equal(found, frames[[7, 31]])
+    assert distance == pytest.approx(np.full(2, 0.001 * np.sqrt(3)), rel=1e-3)

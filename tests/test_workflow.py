@@ -17,6 +17,8 @@ TABLES = (
     "simulation",
     "dropped",
     "shape_descriptor",
+    "descriptor_interpolation",
+    "descriptor_projection",
     "motion_invariant",
     "parameter_recovery",
     "motion_reconstruction",

@@ -26,10 +26,14 @@ rule evaluate_simulation:
 rule evaluate_shape_descriptor:
     input:
         shards=shards,
+        template=f"{RESULTS}/garments/{{garment}}.npz",
+        curve=f"{RESULTS}/models/{{garment}}/shape_descriptor_curve",
         models=model_files("shape_descriptor"),
         code=stage_sources("evaluate_shape_descriptor"),
     output:
         part("shape_descriptor"),
+        part("descriptor_interpolation"),
+        part("descriptor_projection"),
     log:
         f"{RESULTS}/logs/evaluate_shape_descriptor/{{garment}}.log",
     benchmark:
@@ -42,7 +46,7 @@ rule evaluate_shape_descriptor:
         spec=lambda w: spec.evaluate_spec(config, w.garment, "shape_descriptor"),
     shell:
         "python -m pipeline.evaluate_shape_descriptor --spec {params.spec:q} --out {output}"
-        " --in {input.models} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+        " --in {input.template} {input.curve} {input.models} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
 rule evaluate_motion_invariant:
@@ -173,6 +177,8 @@ TABLES = [
     "shape_descriptor",
     "motion_invariant",
     "parameter_recovery",
+    "descriptor_interpolation",
+    "descriptor_projection",
     "motion_reconstruction",
     "motion_generation",
     "motion_quality",

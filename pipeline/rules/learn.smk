@@ -29,6 +29,30 @@ rule train_shape_descriptor:
         " --in {input.template} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
+rule train_descriptor_curve:
+    input:
+        shards=shards,
+        template=f"{RESULTS}/garments/{{garment}}.npz",
+        code=stage_sources("train_descriptor_curve"),
+    output:
+        directory(f"{RESULTS}/models/{{garment}}/shape_descriptor_curve"),
+    log:
+        f"{RESULTS}/logs/train_descriptor_curve/{{garment}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/train_descriptor_curve/{{garment}}.tsv"
+    priority: 10
+    conda:
+        ENVIRONMENT
+    threads: THREADS
+    resources:
+        device=DEVICE,
+    params:
+        spec=lambda w: spec.curve_spec(config, w.garment),
+    shell:
+        "python -m pipeline.train_descriptor_curve --spec {params.spec:q} --out {output}"
+        " --in {input.template} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+
+
 rule train_motion_invariant:
     input:
         shards=shards,

@@ -25,10 +25,34 @@ rule render:
         " {input.regressor} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
+rule render_descriptor:
+    input:
+        template=f"{RESULTS}/garments/{{garment}}.npz",
+        shards=shards,
+        curve=f"{RESULTS}/models/{{garment}}/shape_descriptor_curve",
+        descriptor=model_file("shape_descriptor"),
+        code=stage_sources("render_descriptor"),
+    output:
+        directory(f"{RESULTS}/figures/{{garment}}_descriptor"),
+    log:
+        f"{RESULTS}/logs/render_descriptor/{{garment}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/render_descriptor/{{garment}}.tsv"
+    conda:
+        ENVIRONMENT
+    resources:
+        device=DEVICE,
+    params:
+        spec=lambda w: spec.descriptor_figures_spec(config, w.garment),
+    shell:
+        "python -m pipeline.render_descriptor --spec {params.spec:q} --out {output} --in {input.template} {input.curve}"
+        " {input.descriptor} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+
+
 rule report:
     input:
         tables=rules.tables.input,
-        figures=expand(f"{RESULTS}/figures/{{garment}}", garment=GARMENTS),
+        figures=expand(f"{RESULTS}/figures/{{garment}}{{of}}", garment=GARMENTS, of=["", "_descriptor"]),
         losses=losses(),
         code=stage_sources("report"),
     output:
