@@ -41,6 +41,10 @@ MATERIALS = "materials"
 """Plan of many sampled parameter sets, each on the same few clips (Wang 2019)."""
 MOTIONS = "motions"
 """Plan of the base parameters on every clip (Shi 2023)."""
+REPEATED = "repeated"
+"""Plan of test clips simulated once more, from a start that differs a little: what no regressor can know."""
+LONG = "long"
+"""Plan of a few long motions, base parameters, to be tested on alone."""
 FRAMES_PER_CHUNK = 8
 """Serves single frames and windows alike: a chunk is what one read decompresses."""
 

@@ -21,6 +21,9 @@ from models.motion_features import sequence_track, track_features
 HISTORY_OFFSETS = (0, 1, 2, 3, 5, 7, 10, 14)
 """Frames looked back, half a second at 30 fps; closer together near the present."""
 
+ROTATION_OFFSETS = (0, 2, 5, 10, 16)
+"""Frames looked back where joint rotations are among the features: fewer, for there are three times as many."""
+
 HELD_OUT_EVERY = 5
 """Every fifth training take chooses the ridge penalty."""
 
@@ -88,10 +91,11 @@ class RidgeRegression:
         body: The body that wears the garment.
         offsets: Past frames that the features are taken from: joints, gravity direction, linear and angular velocity
             in the pelvis frame. Empty: the current pose alone, joint rotations and gravity direction.
+        rotations: Whether the joints' rotations are among the features of past frames too.
     """
 
-    def __init__(self, body: Body, offsets: tuple[int, ...] = HISTORY_OFFSETS) -> None:
-        self.body, self.offsets = body, offsets
+    def __init__(self, body: Body, offsets: tuple[int, ...] = HISTORY_OFFSETS, rotations: bool = False) -> None:
+        self.body, self.offsets, self.rotations = body, offsets, rotations
 
     def fit(self, sequences: Many[Sequence]) -> RidgeRegression:
         """Gather the sums sequence by sequence, choose the penalty on held-out takes, solve."""
@@ -114,6 +118,8 @@ class RidgeRegression:
         track = sequence_track(sequence)
         motion = track_features(track, "motion")
         frames = track.lead + np.arange(sequence.frames)
+        if self.rotations:
+            motion = np.concatenate([motion, track_features(track, "pose")[:, 6:]], axis=1)
         if self.offsets:
             return history(motion, self.offsets, frames)
         gravity = motion[frames, 69:72]
@@ -151,6 +157,25 @@ class PcaFloor:
         return from_canonical(near.reshape(sequence.frames, -1, 3), sequence.pose, sequence.root, self.body)
 
 
+class SimulatedAgain:
+    """The chaos floor: the same clip and parameters, simulated once more from a start that differs a little.
+
+    Of two runs neither is the truth. Were both scattered independently about what the motion determines, each would be
+    their root mean square difference over sqrt(2) away from it; so the second run is drawn to the first by that much.
+
+    Args:
+        sequences: The second runs.
+    """
+
+    def __init__(self, sequences: Many[Sequence]) -> None:
+        self._again = {s.clip: s.vertices for s in sequences}
+
+    def predict(self, sequence: Sequence) -> np.ndarray | None:
+        """The first run's garment moved by the difference over sqrt(2); None where there is no second run."""
+        again = self._again.get(sequence.clip)
+        return None if again is None else sequence.vertices + (again - sequence.vertices) / np.float32(np.sqrt(2.0))
+
+
 def fit_baselines(
     sequences: Many[Sequence], body: Body, template: GarmentTemplate, pca_dimensions: int
 ) -> dict[str, Callable[[Sequence], np.ndarray]]:
@@ -160,6 +185,7 @@ def fit_baselines(
         "linear blend skinning + mean residual": SkinnedTemplate(body, template),
         "ridge, current pose": RidgeRegression(body, ()),
         "ridge, pose history": RidgeRegression(body),
+        "ridge, pose history with rotations": RidgeRegression(body, ROTATION_OFFSETS, rotations=True),
         f"PCA-{pca_dimensions} of the truth (floor)": PcaFloor(body, pca_dimensions),
     }
     return {name: baseline.fit(sequences).predict for name, baseline in baselines.items()}

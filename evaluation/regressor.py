@@ -2,13 +2,14 @@
 
 In: simulated test sequences of one garment and predictors (learned networks and baselines alike) as callables
 ``sequence -> vertices in the world [m], [T, V, 3]``. Out: one row a split and method. A figure is computed for each
-sequence and then averaged over sequences; deepest penetrations are maxima. Body contact, Hausdorff distance and
-refinement look at every ``frames_stride``-th frame, everything else at all frames.
+sequence and then averaged over sequences; deepest penetrations are maxima. Body contact and Hausdorff distance look at
+every ``frames_stride``-th frame, everything else at all frames. Refined methods are refined and judged in every frame.
+A predictor may have nothing to say about a sequence (None): it then is no part of that method's row.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
 
@@ -16,8 +17,8 @@ import numpy as np
 
 from body.model import Body
 from datasets.sequences import Sequence
+from evaluation.collisions import Contact, refine_and_judge
 from evaluation.metrics import (
-    COLLISION_MARGIN,
     bend,
     edge_deviation,
     hausdorff,
@@ -32,7 +33,7 @@ from evaluation.table import Row
 from garments.template import GarmentTemplate
 from models.refinement import RefinementSettings, Refiner
 
-Predictor = Callable[[Sequence], np.ndarray]
+Predictor = Callable[[Sequence], np.ndarray | None]
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ def regressor_rows(
     template: GarmentTemplate,
     settings: RegressorEvaluation | None = None,
     progress: Callable[[int], None] | None = None,
+    refined: Collection[str] = (),
 ) -> list[Row]:
     """Evaluate all predictors on all sequences.
 
@@ -67,6 +69,7 @@ def regressor_rows(
         template: The garment.
         settings: Strides and weights.
         progress: Called with 1 after each sequence and method.
+        refined: Methods that are refined as well; it costs more than all else.
 
     Returns:
         Rows, split by split in order of first appearance.
@@ -83,9 +86,14 @@ def regressor_rows(
             raise ValueError(f"evaluation of garment '{template.name}': got a sequence of '{sequence.garment}'")
         body_vertices = body.posed(sequence.pose, sequence.root)
         for method, predict in predictors.items():
-            predicted = np.asarray(predict(sequence), dtype=np.float32)
-            _check(predicted, sequence, method)
-            collected[sequence.split, method].append(figures.of(predicted, sequence.vertices, body_vertices))
+            predicted = predict(sequence)
+            if predicted is not None:
+                predicted = np.asarray(predicted, dtype=np.float32)
+                _check(predicted, sequence, method)
+                found = figures.of(predicted, sequence.vertices, body_vertices)
+                if method in refined:
+                    found |= figures.refined(predicted, sequence.vertices, body_vertices)
+                collected[sequence.split, method].append(found)
             if progress is not None:
                 progress(1)
     return [
@@ -100,6 +108,7 @@ class _Figures:
         self.settings, self.template, self.body = settings, template, body
         self.sted = Sted(template.topology, settings.sted)
         self.refiner = Refiner(template.topology, body.faces, len(body.vertices), settings.refinement)
+        self.laplacian = template.topology.uniform_laplacian()
 
     def of(self, predicted: np.ndarray, truth: np.ndarray, body_vertices: np.ndarray) -> dict[str, float]:
         """Figures of one predicted sequence, lengths in millimetres and shares in percent."""
@@ -120,36 +129,15 @@ class _Figures:
             "collision_rate_vertex_percent": 100.0
             * nearest_vertex_collision_rate(predicted, body_vertices, self.body.faces, stride),
         }
-        return plain | self._contact(predicted[::stride], truth[::stride], body_vertices[::stride])
+        contact = Contact()
+        for vertices, under in zip(predicted[::stride], body_vertices[::stride], strict=True):
+            contact.add(self.refiner.body.at(under).query(vertices, exact_within=self.refiner.horizon).distance)
+        return plain | contact.figures("")
 
-    def _contact(self, predicted: np.ndarray, truth: np.ndarray, body_vertices: np.ndarray) -> dict[str, float]:
-        """Collision figures before and after refinement, and the refined garment's error, of all given frames."""
-        before, after = _Contact(), _Contact()
-        refined = np.empty_like(predicted)
-        moved, projected, touched = 0.0, 0, 0
-        for t, vertices in enumerate(predicted):
-            body = self.refiner.body.at(body_vertices[t])
-            hits = body.query(vertices, exact_within=self.refiner.horizon)
-            before.add(hits.distance)
-            refined[t], stats = self.refiner.refine_hits(vertices, body, hits)
-            distance = hits.distance.copy()
-            # Only a vertex whose move could have used up its distance is asked again.
-            change = np.linalg.norm(refined[t] - vertices, axis=1)
-            ask = np.nonzero(np.minimum(distance, self.refiner.horizon) - change < COLLISION_MARGIN)[0]
-            ask = ask[change[ask] > 0.0]
-            if len(ask):
-                distance[ask] = body.query(refined[t][ask], exact_within=2 * COLLISION_MARGIN).distance
-            after.add(distance)
-            moved = max(moved, stats.largest_move)
-            projected += stats.projected
-            touched += stats.inside
-        return {
-            **before.figures(""),
-            **after.figures("refined_"),
-            "refined_rmse_mm": 1e3 * rmse(refined, truth),
-            "refinement_largest_move_mm": 1e3 * moved,
-            "refinement_projected_percent": 100.0 * projected / max(touched, 1),
-        }
+    def refined(self, predicted: np.ndarray, truth: np.ndarray, body_vertices: np.ndarray) -> dict[str, float]:
+        """What refinement does to a predicted sequence, judged in all frames."""
+        refined, figures = refine_and_judge(self.refiner, self.laplacian, predicted, body_vertices)
+        return figures | {"refined_rmse_mm": 1e3 * rmse(refined, truth)}
 
     def row(self, garment: str, split: str, method: str, values: list[dict[str, float]]) -> Row:
         """One table row: means over sequences, maxima of the deepest penetrations and moves."""
@@ -163,27 +151,6 @@ class _Figures:
             else:
                 row[name] = float(np.mean(column))
         return row | {"sted_parameters": self.sted.parameters.label, "frames_stride": self.settings.frames_stride}
-
-
-class _Contact:
-    """Counts of signed distances over frames."""
-
-    def __init__(self) -> None:
-        self.count = self.below = self.near = 0
-        self.deepest = 0.0
-
-    def add(self, distance: np.ndarray) -> None:
-        self.count += len(distance)
-        self.below += int((distance < 0.0).sum())
-        self.near += int((distance < COLLISION_MARGIN).sum())
-        self.deepest = max(self.deepest, -float(distance.min()))
-
-    def figures(self, prefix: str) -> dict[str, float]:
-        return {
-            f"{prefix}collision_rate_percent": 100.0 * self.below / self.count,
-            f"{prefix}collision_rate_{1e3 * COLLISION_MARGIN:g}mm_percent": 100.0 * self.near / self.count,
-            f"{prefix}deepest_mm": 1e3 * self.deepest,
-        }
 
 
 def _check(predicted: np.ndarray, sequence: Sequence, method: str) -> None:

@@ -8,6 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+REACH = 6.0
+"""Standard deviations from the training mean beyond which a feature is held, as the networks hold theirs: what a linear
+map makes of a movement that it never saw has no bound."""
+
 PENALTIES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 """Tried penalties, relative to the variance of a standardised feature."""
 
@@ -79,11 +83,17 @@ class Ridge:
         weights, intercept = _solve(self._train + self._held_out, self.penalty)
         self._intercept = (intercept + self._origin_y - self._origin_x @ weights).astype(np.float32)
         self._weights = weights.astype(np.float32)
+        every = self._train + self._held_out
+        mean = every.x / every.count
+        spread = REACH * np.sqrt(np.maximum(np.diag(every.xx) / every.count - mean**2, 0.0))
+        middle = self._origin_x + mean
+        self._low, self._high = (middle - spread).astype(np.float32), (middle + spread).astype(np.float32)
         return self
 
     def predict(self, features: np.ndarray) -> np.ndarray:
         """Targets [N, K] float32 of features [N, D]."""
-        return features.astype(np.float32) @ self._weights + self._intercept
+        held = np.clip(features.astype(np.float32), self._low, self._high)
+        return held @ self._weights + self._intercept
 
 
 def _solve(sums: _Sums, penalty: float) -> tuple[np.ndarray, np.ndarray]:

@@ -1,50 +1,76 @@
 """Stage ``evaluate_garment_regressor``: every regressor beside mean shape, skinning and ridge regression.
 
-In: the template, the tuned regressor, all variants and all shards of a garment. Out: the garment's rows of the table
-``garment_regressor`` (Shi 2023, Tables 6 and 7, Figure 10), on motions that were not trained on, with the base
-parameters, before and after refinement.
+In: the template, the tuned regressor, all variants, the simulations that are tested on alone and all shards of a
+garment. Out: the garment's rows of the table ``garment_regressor`` (Shi 2023, Tables 6, 7 and 9, Figure 10), with the
+base parameters, on new clips of known labels, unseen styles and unseen labels; and of the table ``regressor_drift``:
+errors along long sequences.
 """
 
 from __future__ import annotations
 
-from datasets.shards import MOTIONS
-from datasets.splits import TRAIN, UNSEEN_MOTIONS
-from evaluation.baselines import fit_baselines
+from datasets.shards import LONG, MOTIONS, REPEATED
+from datasets.splits import TRAIN, UNSEEN_LABELS, UNSEEN_MOTIONS, UNSEEN_STYLES
+from evaluation.baselines import SimulatedAgain, fit_baselines
+from evaluation.drift import drift_rows
 from evaluation.regressor import Predictor, RegressorEvaluation, regressor_rows
 from evaluation.table import write_table
 from garments.template import GarmentTemplate
 from models.garment_fitting import load_regressor
 from models.refinement import RefinementSettings
-from pipeline.garment_data import regressor_predictor
+from models.sequence_regressor import SequenceRegressor
+from pipeline.garment_data import regressor_predictor, started_predictor, taught_predictor
 from pipeline.progress import Progress
 from pipeline.sequence_data import job_body, job_sequences
 from pipeline.stage import Job, run_stage
+
+BLIND = ("mean shape", "ridge, pose history")
+"""Baselines without a memory of the garment, which stand beside the networks in the drift table."""
+
+TESTS = 2
+"""Shards of simulations that are tested on alone."""
 
 
 def main(job: Job) -> None:
     """Fit the baselines, load the networks, evaluate all on the same sequences."""
     spec, evaluation = job.spec, job.spec["evaluation"]
-    template_path, fine_tuned_path = job.inputs[:2]
-    variant_paths = dict(zip(spec["variants"], job.inputs[2:]))
-    shards = job.inputs[2 + len(variant_paths) :]
+    template_path, fine_tuned_path, *rest = job.inputs
+    variant_paths = dict(zip(spec["variants"], rest))
+    tests, shards = rest[len(variant_paths) :][:TESTS], rest[len(variant_paths) + TESTS :]
     body, template = job_body(job), GarmentTemplate.load(template_path)
-    predictors: dict[str, Predictor] = {"simulation": lambda sequence: sequence.vertices}
-    predictors |= fit_baselines(
+    baselines = fit_baselines(
         job_sequences(job, shards, (TRAIN,), (MOTIONS,)), body, template, max(evaluation["pca_dimensions"])
     )
+    networks: dict[str, Predictor] = {}
+    bos: dict[str, Predictor] = {}
     for variant, path in variant_paths.items():
-        predictors[f"regressor, {variant}"] = regressor_predictor(load_regressor(path), body)
-    predictors[f"regressor, {spec['use']}, collision-tuned"] = regressor_predictor(
-        load_regressor(fine_tuned_path), body
-    )
+        regressor = load_regressor(path)
+        networks[f"regressor, {variant}"] = regressor_predictor(regressor, body)
+        if variant == "paper" and isinstance(regressor, SequenceRegressor):
+            bos[f"regressor, {variant}, from the true frame before (reference)"] = started_predictor(regressor, body)
+            bos[f"regressor, {variant}, true past in every frame (reference)"] = taught_predictor(regressor, body)
+    tuned = f"regressor, {spec['use']}, collision-tuned"
+    networks[tuned] = regressor_predictor(load_regressor(fine_tuned_path), body)
+    predictors: dict[str, Predictor] = {
+        "simulation": lambda sequence: sequence.vertices,
+        "simulated again (chaos floor)": SimulatedAgain(job_sequences(job, tests, plans=(REPEATED,))).predict,
+    }
+    predictors |= baselines | networks | bos
 
-    test = job_sequences(job, shards, (UNSEEN_MOTIONS,), (MOTIONS,))
+    held_out = job_sequences(job, shards, (UNSEEN_MOTIONS, UNSEEN_STYLES, UNSEEN_LABELS), (MOTIONS,))
+    chosen = set(spec["tested_clips"])
+    test = [s for s in held_out if s.clip in chosen] or held_out
+    order = (UNSEEN_MOTIONS, UNSEEN_STYLES, UNSEEN_LABELS)
+    test.sort(key=lambda s: order.index(s.split))
     progress = Progress(f"evaluate regressors {spec['garment']}", len(test) * len(predictors), "sequences")
     settings = RegressorEvaluation(
         frames_stride=evaluation["frames_stride"], refinement=RefinementSettings(**spec["refinement"])
     )
-    write_table(job.outputs[0], regressor_rows(test, predictors, body, template, settings, progress))
+    rows = regressor_rows(test, predictors, body, template, settings, progress, refined=(tuned,))
     progress.finish()
+    write_table(job.outputs[0], rows)
+
+    watched = {name: predict for name, predict in baselines.items() if name in BLIND} | networks
+    write_table(job.outputs[1], drift_rows(job_sequences(job, tests, plans=(LONG,)), watched))
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from datasets.shards import MATERIALS, MOTIONS
+from datasets.splits import UNSEEN_LABELS, UNSEEN_MOTIONS, UNSEEN_STYLES, SplitRule
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,21 @@ def learning_clips(motions: Mapping[str, Any]) -> list[PlannedClip]:
 def motion_labels(motions: Mapping[str, Any]) -> list[str]:
     """The labels of a run, sorted: their order is the networks' numbering."""
     return sorted({clip.label for clip in plan_clips(motions)})
+
+
+def tested_clips(config: Mapping[str, Any]) -> list[PlannedClip]:
+    """The clips that regressors are evaluated on: at most ``data.tests.clips`` a held-out split, evenly spread."""
+    rule, most = SplitRule(**config["data"]["splits"]), config["data"]["tests"]["clips"]
+    by_split: dict[str, list[PlannedClip]] = {split: [] for split in (UNSEEN_MOTIONS, UNSEEN_STYLES, UNSEEN_LABELS)}
+    for clip in plan_clips(config["motions"]):
+        split = rule.split(0, clip.take_index, clip.label)
+        if split in by_split:
+            by_split[split].append(clip)
+    chosen = []
+    for clips in by_split.values():
+        count = min(most, len(clips))
+        chosen += [clips[i * len(clips) // count] for i in range(count)]
+    return chosen
 
 
 def _plan_procedural(motions: Mapping[str, Any]) -> list[PlannedClip]:

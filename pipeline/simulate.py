@@ -50,11 +50,11 @@ def main(job: Job) -> None:
     ]
     frames = sum(one.clip.frames + spec["lead_in"] for one in planned)
     progress = Progress(f"simulate {spec['garment']} {spec['plan']}", frames, "frames")
-    with ShardWriter(job.outputs[0], _header(spec, template, body)) as shard:
+    with ShardWriter(job.outputs[0], shard_header(spec, template, body)) as shard:
         for outcome in simulate_all(simulators, planned, own_motions, solver, progress):
             one, result = outcome.planned, outcome.result
             if result.failure is None:
-                shard.add(_sequence(outcome, body))
+                shard.add(simulated_sequence(outcome, body))
             else:
                 what = f"{spec['garment']} set {one.phi} on {one.clip.name}"
                 print(f"[simulate] dropped {what}: {result.failure}", flush=True)
@@ -63,7 +63,8 @@ def main(job: Job) -> None:
     progress.finish()
 
 
-def _sequence(outcome: Outcome, body: Body) -> SimulatedSequence:
+def simulated_sequence(outcome: Outcome, body: Body) -> SimulatedSequence:
+    """A simulation that held, as a shard stores it."""
     one, clip = outcome.planned, outcome.planned.clip
     return SimulatedSequence(
         clip=clip.name,
@@ -83,7 +84,8 @@ def _sequence(outcome: Outcome, body: Body) -> SimulatedSequence:
     )
 
 
-def _header(spec: Mapping[str, Any], template: GarmentTemplate, body: Body) -> ShardHeader:
+def shard_header(spec: Mapping[str, Any], template: GarmentTemplate, body: Body) -> ShardHeader:
+    """What all sequences of a shard share."""
     return ShardHeader(
         garment=spec["garment"],
         plan=spec["plan"],

@@ -20,6 +20,7 @@ from pipeline.plan import (
     plan_clips,
     shard_plan,
     shard_simulations,
+    tested_clips,
 )
 from sim.fabrics import base_values
 
@@ -95,6 +96,34 @@ def simulate_spec(config: Config, garment: str, shard: str) -> str:
     return canonical(spec)
 
 
+def tests_spec(config: Config, garment: str) -> str:
+    """Simulations that are tested on alone: held-out clips once more, and long motions; base parameters."""
+    tests = config["data"]["tests"]
+    spec = {
+        "garment": garment,
+        "seed": config["seed"],
+        "body": config["body"],
+        "base": base_values(config["garments"][garment]),
+        "simulations": [[0, clip.name, clip.take_index] for clip in tested_clips(config)],
+        "fps": config["motions"]["fps"],
+        "lead_in": config["motions"]["lead_in"],
+        "solver": config["simulation"],
+        "tests": tests,
+        "long_labels": _long_labels(config),
+    }
+    return canonical(spec)
+
+
+def _long_labels(config: Config) -> list[str]:
+    """Labels of the long motions: generated, whatever the source of the clips, of labels that may be trained on."""
+    from motions.procedural import DEFAULT_LABELS
+
+    rule = SplitRule(**config["data"]["splits"])
+    known = set(motion_labels(config["motions"]))
+    labels = [label for label in DEFAULT_LABELS if not rule.holds_out_label(label)]
+    return [label for label in labels if label in known] or labels
+
+
 def ranges_spec(config: Config, garment: str) -> str:
     """A search of ranges: the material around which it goes, and how it goes."""
     return canonical(
@@ -127,11 +156,22 @@ def train_spec(config: Config, model: str, garment: str = "", variant: str = "")
     return canonical(spec)
 
 
+def curve_spec(config: Config, garment: str) -> str:
+    """The shape descriptor in use, at the lengths of the curve and for the curve's epochs."""
+    settings = config["models"]["shape_descriptor"]
+    model, curve = settings["variants"][settings["use"]], settings["curve"]
+    model = model | {"training": model["training"] | {"epochs": curve["epochs"]}}
+    spec = _learning(config) | {"garment": garment, "variant": settings["use"], "model": model}
+    return canonical(spec | {"codes": curve["codes"]})
+
+
 def fine_tune_spec(config: Config, garment: str) -> str:
     """The collision fine-tuning of a garment's regressor."""
     spec = _learning(config) | {"garment": garment, "model": config["models"]["garment_regressor"]["fine_tuning"]}
     spec |= {name: config["motions"][name] for name in ("frames", "fps", "lead_in")}
-    return canonical(spec | {"labels": motion_labels(config["motions"])})
+    rule = SplitRule(**config["data"]["splits"])
+    labels = [label for label in motion_labels(config["motions"]) if not rule.holds_out_label(label)]
+    return canonical(spec | {"labels": labels, "refinement": config["models"]["refinement"]})
 
 
 def evaluate_spec(config: Config, garment: str = "", model: str = "") -> str:
@@ -146,6 +186,8 @@ def evaluate_spec(config: Config, garment: str = "", model: str = "") -> str:
     spec |= {"garment": garment, "use": settings["use"], "variants": list(settings["variants"])}
     if model == "motion_invariant":
         spec["window"] = settings["window"]
+    if model == "garment_regressor":
+        spec["tested_clips"] = [clip.name for clip in tested_clips(config)]
     return canonical(spec)
 
 
@@ -156,15 +198,6 @@ def garment_name_spec(garment: str) -> str:
 
 def _learning(config: Config) -> dict:
     return {"seed": config["seed"], "body": config["body"], "splits": config["data"]["splits"]}
-def curve_spec(config: Config, garment: str) -> str:
-    """The shape descriptor in use, at the lengths of the curve and for the curve's epochs."""
-    settings = config["models"]["shape_descriptor"]
-    model, curve = settings["variants"][settings["use"]], settings["curve"]
-    model = model | {"training": model["training"] | {"epochs": curve["epochs"]}}
-    spec = _learning(config) | {"garment": garment, "variant": settings["use"], "model": model}
-    return canonical(spec | {"codes": curve["codes"]})
-
-
 
 
 def _labels(config: Config, clips: list[PlannedClip]) -> dict:
@@ -205,11 +238,11 @@ def render_spec(config: Config, garment: str) -> str:
     )
 
 
-def report_spec(config: Config) -> str:
-    """The page prints the whole configuration."""
-    return canonical({k: v for k, v in config.items() if k != "compute"})
 def descriptor_figures_spec(config: Config, garment: str) -> str:
     """Pictures of a garment's shape descriptor."""
     return canonical(_learning(config) | {"garment": garment, "report": config["report"]})
 
 
+def report_spec(config: Config) -> str:
+    """The page prints the whole configuration."""
+    return canonical({k: v for k, v in config.items() if k != "compute"})

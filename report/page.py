@@ -102,6 +102,7 @@ def headlines(files: RunFiles) -> list[tuple[str, str]]:
         sequences = sum(int(r.get("sequences") or 0) for r in simulated)
         found.append((_thousands(frames), f"frames simulated in {_thousands(sequences)} sequences, {dropped} dropped"))
     rows = [r for r in files.table("garment_regressor") if not is_reference(r) and r.get("rmse_mm") is not None]
+    rows = [r for r in rows if r.get("split", "unseen_motions") == "unseen_motions"]
     for garment in dict.fromkeys(r["garment"] for r in rows):
         learned = [float(r["rmse_mm"]) for r in rows if r["garment"] == garment and _is_network(r)]
         plain = [float(r["rmse_mm"]) for r in rows if r["garment"] == garment and not _is_network(r)]

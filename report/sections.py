@@ -20,7 +20,7 @@ from report.wide import wide_view
 from sim.fabrics import base_values
 from sim.parameters import INTRINSIC_PARAMETERS
 
-HARDEST = ("unseen_both", "unseen_motions", "unseen_parameters")
+HARDEST = ("unseen_both", "unseen_motions", "unseen_parameters", "unseen_styles", "unseen_labels")
 TRANSFER_CONTROLS = "^descriptor floor|^wrong phi|^motion only|^mean shape"
 """Lines of the transfer table that are there to compare with."""
 
@@ -184,6 +184,7 @@ class Sections:
                 self._chart("regressor_bars", lambda: plots.method_bars(_some_split(rows), "rmse_mm", "RMSE [mm]"))
             )
         blocks += self._table("garment_regressor")
+        blocks += self._table("regressor_drift")
         blocks.append(self._published("published_regressors", published.REGRESSORS, "garment_regressor"))
         blocks.append(self._published("published_gsnet", published.REGRESSORS_GSNET, "garment_regressor"))
         return Section(
@@ -199,6 +200,7 @@ class Sections:
         rows = self.files.table("garment_regressor")
         blocks = [self._pictures("refined"), *self._table("collision_tuning", mark=False)]
         shown = CAPTIONS["refinement"].columns
+        rows = [r for r in rows if r.get("refined_rmse_mm") is not None] or rows
         if rows and any(c in columns_of(rows) for c in shown[2:]):
             blocks.append(Block("table", CAPTIONS["refinement"], table_view(rows, shown)))
         else:

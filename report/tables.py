@@ -21,7 +21,9 @@ READABLE = ("split", "plan", "stage", "parameter")
 """Columns of names that are written with underscores."""
 
 # These see the truth, or are it: to be read beside a method, never to be better than one.
-_REFERENCES = re.compile(r"^simulation$|of the truth|\(floor\)|^real\b|published|not in this run", re.IGNORECASE)
+_REFERENCES = re.compile(
+    r"^simulation$|of the truth|\(floor\)|\(reference\)|^real\b|published|not in this run", re.IGNORECASE
+)
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,13 @@ from evaluation.baselines import (
     MeanShape,
     PcaFloor,
     RidgeRegression,
+    SimulatedAgain,
     SkinnedTemplate,
     fit_baselines,
     history,
 )
+from evaluation.drift import drift_rows
+from evaluation.metrics import rmse
 from evaluation.regressor import RegressorEvaluation, regressor_rows
 from evaluation.ridge import PENALTIES, Ridge
 from evaluation.simulation import reason_class, simulation_rows
@@ -188,8 +191,9 @@ def test_regressor_rows() -> None:
     }
     done: list[int] = []
     settings = RegressorEvaluation(frames_stride=5)
-    rows = regressor_rows(sequences, predictors, body(), template(), settings, done.append)
-    assert len(done) == 9
+    predictors["silent"] = lambda s: None
+    rows = regressor_rows(sequences, predictors, body(), template(), settings, done.append, refined=("sunk",))
+    assert len(done) == 12
     assert [(r["split"], r["method"], r["sequences"]) for r in rows[:4]] == [
         ("unseen_motions", "simulation", 2),
         ("unseen_motions", "shifted", 2),
@@ -202,6 +206,8 @@ def test_regressor_rows() -> None:
     assert shifted["sted"] == pytest.approx(0.0, abs=1e-4)
     assert sunken["collision_rate_percent"] > 20 and sunken["deepest_mm"] > 10
     assert sunken["refined_collision_rate_percent"] == 0.0 and sunken["refined_deepest_mm"] == 0.0
+    assert sunken["all_frames_collision_rate_percent"] > 20 and sunken["refinement_laplacian_percent"] > 1.0
+    assert "refined_rmse_mm" not in truth
     assert truth["sted_parameters"] == "d=1 w=5 dt=0.01 c=1" and truth["frames_stride"] == 5
 
     with pytest.raises(ValueError, match="method 'short' on clip clip1: expected vertices"):
@@ -217,6 +223,36 @@ def test_fit_baselines_names_and_refuses_mixed_garments() -> None:
     assert all(predict(train[0]).shape == train[0].vertices.shape for predict in fitted.values())
     with pytest.raises(ValueError, match="no training sequences"):
         MeanShape(body()).fit([])
+
+
+def test_ridge_holds_features_that_leave_the_training_range() -> None:
+    rng = np.random.default_rng(3)
+    features = rng.normal(size=(500, 2))
+    ridge = Ridge()
+    ridge.add(features, features @ np.array([[1.0], [2.0]]))
+    ridge.fit(penalty=1e-9)
+    far, edge = np.array([[4000.0, 0.0]]), 6.0 * features[:, 0].std() + features[:, 0].mean()
+    assert ridge.predict(far)[0, 0] == pytest.approx(edge, rel=1e-3)
+
+
+def test_chaos_floor_is_the_difference_of_two_runs_over_root_two() -> None:
+    first, other = sequence(1), sequence(2)
+    second = sequence(1, vertices=first.vertices + np.float32([0.003, 0.0, 0.004]))
+    floor = SimulatedAgain([second])
+    assert 1e3 * rmse(floor.predict(first), first.vertices) == pytest.approx(5.0 / np.sqrt(2.0), rel=1e-3)
+    assert floor.predict(other) is None
+
+
+def test_drift_rows_tell_a_growing_error_from_a_steady_one() -> None:
+    test = [sequence(1), sequence(2)]
+    growing = np.linspace(1.0, 10.0, FRAMES, dtype=np.float32)[:, None, None] * np.float32([0.001, 0.0, 0.0])
+    predictors = {"steady": lambda s: s.vertices + np.float32(0.001), "growing": lambda s: s.vertices + growing}
+    steady, drifting = drift_rows(test, predictors)
+    assert steady["last_tenth_over_first"] == pytest.approx(1.0, rel=1e-3)
+    assert drifting["last_tenth_over_first"] > 4.0
+    assert drifting["tenth_10_rmse_mm"] > 9.0 > 3.0 > drifting["tenth_1_rmse_mm"]
+    with pytest.raises(ValueError, match="one length"):
+        drift_rows([], predictors)
 
 
 def test_simulation_rows() -> None:

@@ -25,6 +25,7 @@ TABLES = (
     "motion_generation",
     "motion_quality",
     "garment_regressor",
+    "regressor_drift",
     "collision_tuning",
     "timing",
 )

@@ -5,7 +5,7 @@ from glob import glob
 
 from pipeline import spec
 from pipeline.config import ConfigError, check_config, read_layers
-from pipeline.plan import learning_batch_count, shard_batches, shard_names
+from pipeline.plan import batch_count, learning_batch_count, shard_batches, shard_names
 from pipeline.sources import stage_sources
 
 # Snakemake lists the files of the command line first, yet lays them over the default.
@@ -36,6 +36,11 @@ wildcard_constraints:
 def shards(wildcards):
     """All shards of a garment."""
     return [f"{RESULTS}/shards/{wildcards.garment}/{name}.h5" for name in shard_names(config)]
+
+
+def test_shards():
+    """Path patterns of a garment's simulations that are tested on alone: clips simulated twice, long motions."""
+    return [f"{RESULTS}/tests/{{garment}}/{plan}.h5" for plan in ("repeated", "long")]
 
 
 def batches():

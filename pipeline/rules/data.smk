@@ -75,6 +75,30 @@ rule simulate:
         " --device {resources.device} 2>&1 | tee {log}"
 
 
+# Held-out clips once more, and long motions: nobody trains on these.
+rule simulate_tests:
+    input:
+        template=f"{RESULTS}/garments/{{garment}}.npz",
+        motions=lambda w: [f"{RESULTS}/motions/batch_{i:04d}.h5" for i in range(batch_count(config["motions"]))],
+        kernels=ancient(f"{RESULTS}/.kernels_compiled"),
+        code=stage_sources("simulate_tests"),
+    output:
+        test_shards(),
+    log:
+        f"{RESULTS}/logs/simulate_tests/{{garment}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/simulate_tests/{{garment}}.tsv"
+    conda:
+        ENVIRONMENT
+    resources:
+        device=DEVICE,
+    params:
+        spec=lambda w: spec.tests_spec(config, w.garment),
+    shell:
+        "python -m pipeline.simulate_tests --spec {params.spec:q} --out {output} --in {input.template} {input.motions}"
+        " --device {resources.device} 2>&1 | tee {log}"
+
+
 rule data:
     input:
         expand(f"{RESULTS}/shards/{{garment}}/{{shard}}.h5", garment=GARMENTS, shard=shard_names(config)),

@@ -105,9 +105,11 @@ rule evaluate_garment_regressor:
         template=f"{RESULTS}/garments/{{garment}}.npz",
         fine_tuned=model_file("garment_regressor", "fine_tuned"),
         models=model_files("garment_regressor"),
+        tests=test_shards(),
         code=stage_sources("evaluate_garment_regressor"),
     output:
         part("garment_regressor"),
+        part("regressor_drift"),
     log:
         f"{RESULTS}/logs/evaluate_garment_regressor/{{garment}}.log",
     benchmark:
@@ -120,7 +122,7 @@ rule evaluate_garment_regressor:
         spec=lambda w: spec.evaluate_spec(config, w.garment, "garment_regressor"),
     shell:
         "python -m pipeline.evaluate_garment_regressor --spec {params.spec:q} --out {output}"
-        " --in {input.template} {input.fine_tuned} {input.models} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+        " --in {input.template} {input.fine_tuned} {input.models} {input.tests} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
 # Alone on the machine: it takes all cores, though each thing that it times uses one.
@@ -175,14 +177,15 @@ TABLES = [
     "simulation",
     "dropped",
     "shape_descriptor",
-    "motion_invariant",
-    "parameter_recovery",
     "descriptor_interpolation",
     "descriptor_projection",
+    "motion_invariant",
+    "parameter_recovery",
     "motion_reconstruction",
     "motion_generation",
     "motion_quality",
     "garment_regressor",
+    "regressor_drift",
     "collision_tuning",
     "timing",
 ]
