@@ -113,9 +113,9 @@ def intrinsic_row(template: GarmentTemplate, repetitions: int) -> Row:
 
 
 def refinement_row(body: Body, template: GarmentTemplate, clip: Clip, repetitions: int) -> Row:
-    """Refinement of a garment that is 15 mm too tight and follows the skeleton alone: the body comes through it."""
+    """Refinement of a garment that is 6 mm too tight and follows the skeleton alone: the body comes through it."""
     transforms = body.joint_transforms(clip.pose, clip.root)
-    tight = template.vertices - 0.015 * vertex_normals(template.vertices, template.faces)
+    tight = template.vertices - 0.006 * vertex_normals(template.vertices, template.faces)
     cloth = skin(tight, template.skin_index, template.skin_weight, transforms).astype(np.float32)
     surface = body.posed(clip.pose, clip.root)
     refiner = Refiner(template.topology, body.faces, len(body.vertices))
