@@ -12,7 +12,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from benchmarks.clean_table import ClipReport
-    from benchmarks.cleanliness import Subject
+    from benchmarks.subjects import Subject
     from sim.buried import Closure
 
 CLOTH, FAULT, PINCHED, SELF = (196, 208, 214), (205, 30, 30), (245, 150, 30), (40, 80, 220)
