@@ -10,6 +10,7 @@ from datasets.shards import MOTIONS
 from datasets.splits import TRAIN, UNSEEN_MOTIONS
 from garments.template import GarmentTemplate
 from models.garment_fitting import RegressorTraining, fit_garment_regressor, save_regressor
+from models.garment_mirror import mirror_map, mirrored_example
 from models.garment_regressor import RegressorConfig, variant_config
 from pipeline.garment_data import garment_examples
 from pipeline.sequence_data import job_sequences
@@ -22,6 +23,9 @@ def main(job: Job) -> None:
     template_path, *shards = job.inputs
     template, model, variant = GarmentTemplate.load(template_path), job.spec["model"], job.spec["variant"]
     training = garment_examples(job_sequences(job, shards, (TRAIN,), (MOTIONS,)))
+    if model.get("mirror"):
+        weights = mirror_map(template.vertices, template.faces)
+        training += [mirrored_example(example, weights) for example in training]
     held_out = garment_examples(job_sequences(job, shards, (UNSEEN_MOTIONS,), (MOTIONS,)))
     regressor, _ = fit_garment_regressor(
         training,

@@ -18,11 +18,13 @@ from models.garment_fitting import (
     load_regressor,
     save_regressor,
 )
+from models.garment_mirror import mirror_map, mirrored_example
 from models.garment_regressor import VARIANTS, Regressor, RegressorConfig, variant_config
 from models.motion_features import MotionTrack, track_features
 from models.sequence_regressor import SequenceRegressor
 from models.shape_code import ShapeCode
 from models.training import TrainingSettings
+from motions.mirror import mirror_motion
 
 torch.set_num_threads(1)
 SMALL = {"width": 16, "feed_forward": 32, "heads": 2, "bos_hidden": (16,)}
@@ -221,6 +223,29 @@ def test_features_do_not_know_where_north_is_but_where_down_is(body: Body) -> No
         turned.joints[...] = track.joints @ rotation.T
         difference = np.abs(track_features(turned, "motion") - track_features(track, "motion")).max()
         assert (difference < 1e-4) == same
+
+
+def test_mirrored_example_is_the_garment_of_the_mirrored_motion(body: Body) -> None:
+    # A tube whose vertices do not come in pairs, so that its mirror image has to be read off between them.
+    def tube(turn: float, lean: float) -> np.ndarray:
+        angle, height = (np.arange(VERTICES) // 4 + turn) * np.pi / 4, np.arange(VERTICES) % 4 / 3.0
+        return np.stack([0.25 * np.cos(angle) + lean * height, 0.1 - 0.5 * height, 0.25 * np.sin(angle)], axis=1)
+
+    weights = mirror_map(tube(0.1, 0.0), FACES)
+    np.testing.assert_allclose(np.asarray(weights.sum(axis=1)).ravel(), 1.0, atol=1e-6)
+    pose, root = np.random.default_rng(0).normal(0.0, 0.3, (9, 24, 3)), np.zeros((9, 3))
+    track = MotionTrack.from_motion(body, pose[4:], root[4:], pose[:4], root[:4], 30.0)
+    example = GarmentExample(track, np.stack([tube(0.1, lean) for lean in np.linspace(0.0, 0.2, 5)]).astype(np.float32))
+    mirrored = mirrored_example(example, weights)
+    again = body.joint_positions(*mirror_motion(pose, root))
+    np.testing.assert_allclose(mirrored.track.joints, again, atol=1e-4)
+    expected = np.stack([tube(0.1, -lean) for lean in np.linspace(0.0, 0.2, 5)])
+    assert np.abs(mirrored.vertices - expected).max() < 0.02 < np.abs(example.vertices - expected).max()
+    back = mirrored_example(mirrored, weights)
+    np.testing.assert_allclose(back.track.joints, track.joints, atol=1e-6)
+    assert np.abs(back.vertices - example.vertices).max() < 0.03
+    with pytest.raises(ValueError, match="left and right differ"):
+        mirror_map(tube(0.0, 0.3), FACES)
 
 
 def test_bad_input_is_named(body: Body) -> None:
