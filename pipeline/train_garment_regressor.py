@@ -9,7 +9,7 @@ from __future__ import annotations
 from datasets.shards import MOTIONS
 from datasets.splits import TRAIN, UNSEEN_MOTIONS
 from garments.template import GarmentTemplate
-from models.garment_fitting import RegressorTraining, fit_garment_regressor, save_regressor
+from models.garment_fitting import GarmentExample, RegressorTraining, fit_garment_regressor, save_regressor
 from models.garment_mirror import mirror_map, mirrored_example
 from models.garment_regressor import RegressorConfig, variant_config
 from pipeline.garment_data import garment_examples
@@ -24,8 +24,7 @@ def main(job: Job) -> None:
     template, model, variant = GarmentTemplate.load(template_path), job.spec["model"], job.spec["variant"]
     training = garment_examples(job_sequences(job, shards, (TRAIN,), (MOTIONS,)))
     if model.get("mirror"):
-        weights = mirror_map(template.vertices, template.faces)
-        training += [mirrored_example(example, weights) for example in training]
+        training += _mirrored(training, template)
     held_out = garment_examples(job_sequences(job, shards, (UNSEEN_MOTIONS,), (MOTIONS,)))
     regressor, _ = fit_garment_regressor(
         training,
@@ -37,6 +36,19 @@ def main(job: Job) -> None:
         progress=TrainingProgress(f"{job.spec['garment']} regressor {variant}"),
     )
     save_regressor(job.outputs[0], regressor)
+
+
+def _mirrored(examples: list[GarmentExample], template: GarmentTemplate) -> list[GarmentExample]:
+    """The examples with left and right exchanged; none of a garment that is not its own mirror image."""
+    if template.pieces > 1:  # the nearest triangle to a mirrored vertex may be another layer's
+        print(f"[train_garment_regressor] {template.name}: garments in layers are not mirrored", flush=True)
+        return []
+    try:
+        weights = mirror_map(template.vertices, template.faces)
+    except ValueError as error:
+        print(f"[train_garment_regressor] {template.name}: {error}; trained without mirrored clips", flush=True)
+        return []
+    return [mirrored_example(example, weights) for example in examples]
 
 
 if __name__ == "__main__":
