@@ -2,7 +2,7 @@
 
 In: the template, the folder of the curve, the descriptor in use and all shards of a garment. Out: a folder of pictures
 with their list ``figures.json``: a held-out frame through the descriptor with and without the Laplacian term and
-through principal components, with error maps; shapes between two parameter sets; implausible shapes made plausible.
+through principal components, with error maps; shapes between two parameter sets; what becomes of implausible shapes.
 """
 
 from __future__ import annotations
@@ -187,7 +187,7 @@ def draw_implausible(
         ["as given", "descriptor", "PCA", "nearest frame"],
         f"99th percentile of the edge strain, as given and through the descriptor: {'; '.join(words)}. On the "
         "right the nearest training frame.",
-        "Implausible shapes mapped to plausible ones",
+        "Implausible shapes and what each method makes of them",
     )
 
 
