@@ -67,12 +67,15 @@ def motion_models(clip: Clip) -> dict[str, MotionGenerator]:
 class Recorded:
     """In place of a motion CVAE: what a random network draws is no motion that a body could do."""
 
-    def __init__(self, clip: Clip) -> None:
+    def __init__(self, clip: Clip, travels: bool) -> None:
         self.pose6d = axis_angle_to_6d(clip.pose).astype(np.float32)[None]
+        self.root = clip.root[None] if travels else None
 
-    def sample(self, labels: Sequence[str], frames: int, generator: torch.Generator) -> np.ndarray:
-        """The clip's poses [1, T, 24, 6]."""
-        return self.pose6d
+    def sample_motions(
+        self, labels: Sequence[str], frames: int, generator: torch.Generator
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """The clip's poses [1, T, 24, 6] and, of a generator that travels, its root [1, T, 3] [m]."""
+        return self.pose6d, self.root
 
 
 def animation_rows(body: Body, template: GarmentTemplate, clip: Clip, repetitions: int) -> list[Row]:
@@ -83,12 +86,12 @@ def animation_rows(body: Body, template: GarmentTemplate, clip: Clip, repetition
         rows.append({"part": part, "model": model, "vertices": vertices} | milliseconds(road, clip.frames, repetitions))
         return rows[-1]["median_ms"]
 
-    drawn, dressed = {}, {}
+    drawn, planted, dressed = {}, {}, {}
     for name, model in motion_models(clip).items():
         generator = torch.Generator().manual_seed(SEED)
         drawn[name] = timed("draw poses", name, 0, lambda m=model, g=generator: m.sample([LABELS[0]], clip.frames, g))
-    arguments = (Recorded(clip), [LABELS[0]], clip.frames, FPS, LEAD_IN, body, torch.Generator())
-    planted = timed("root, feet planted, lead-in", "-", 0, lambda: generated_tracks(*arguments))
+        arguments = (Recorded(clip, model.travels), [LABELS[0]], clip.frames, FPS, LEAD_IN, body, torch.Generator())
+        planted[name] = timed("root, feet planted, lead-in", name, 0, lambda a=arguments: generated_tracks(*a))
     posed = timed("body", "-", len(body.vertices), lambda: body.posed(clip.pose, clip.root))
     track = MotionTrack(clip.pose, body.joint_positions(clip.pose, clip.root), 0, FPS)
     for name in REGRESSORS:
@@ -96,7 +99,7 @@ def animation_rows(body: Body, template: GarmentTemplate, clip: Clip, repetition
         dressed[name] = timed("garment", name, len(template.vertices), lambda r=regressor: r.dress(track))
     for name, motion, garment in (("paper", "paper", "paper"), ("ours", "dense", "window")):
         total = drawn[motion] + posed + dressed[garment]
-        for part, extra in (("label to dressed body", 0.0), ("the same, feet planted", planted)):
+        for part, extra in (("label to dressed body", 0.0), ("the same, feet planted", planted[motion])):
             row = {"part": part, "model": name, "vertices": len(template.vertices), "median_ms": total + extra}
             rows.append(row)
     return rows

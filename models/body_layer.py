@@ -16,6 +16,8 @@ Dimensions: J = 24 joints, B body vertices, ... any leading shape (clips, frames
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -61,6 +63,13 @@ class BodyLayer(nn.Module):
         self.register_buffer("skin", _tensor(skin), persistent=False)
         self.vertex_count = len(skin)
         self.chain = [0] + [joint for level in self.levels for joint, _ in level]
+        above = np.zeros((len(parents), len(parents), 3))  # bone that each joint in the order of the chain leads along
+        for joint in range(len(parents)):
+            child = joint
+            while parents[child] >= 0:
+                above[joint, self.chain.index(parents[child])] += bone[child]
+                child = parents[child]
+        self.register_buffer("bones_above", _tensor(above.reshape(len(parents), -1)), persistent=False)
         columns = [3 * joint + axis for joint in self.chain for axis in range(3)]
         # QR of the matrix itself instead of Cholesky of its Gram matrix: it squares no condition number, and it also
         # exists when a joint moves no vertex.
@@ -131,6 +140,11 @@ class BodyLayer(nn.Module):
             found.append(above)
             place = {joint: position for position, (joint, _) in enumerate(level)}
         return torch.cat(found, dim=2)
+
+    def joints_of_chain(self, chain: Tensor, joints: Sequence[int]) -> Tensor:
+        """Positions [J, 3, F] [m] relative to the pelvis of some joints, of what ``rotation_chain`` gives; linear."""
+        rotations = chain.permute(2, 1, 0, 3).flatten(0, 1).flatten(1)  # [72, 3 F]
+        return (self.bones_above[list(joints)] @ rotations).unflatten(1, (3, -1))
 
     def mean_squared_pose_error(self, chain: Tensor, target: Tensor) -> Tensor:
         """Mean over vertices and frames of the squared distance [m^2] of two poses, root at rest.

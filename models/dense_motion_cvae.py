@@ -1,12 +1,16 @@
 """Our own motion generator: dense layers on the control points of a spline, and a density of the latent vectors.
 
-In: poses in the 6-D form and a label. Out: poses of the length that it was trained on, or of another one.
+In: poses in the 6-D form and a label. Out: poses and root translations of the length that it was trained on, or of
+another one.
 
-A clip of fixed length is 144 smooth curves: a least-squares cubic B-spline with a control point every few frames loses
-some millimetres. Encoder and decoder are dense layers from and to these control points, told the label; on a CPU they
-learn in a minute what a Transformer of the same cost does not in ten. Two more things differ from Shi 2023:
+A clip of fixed length is 144 smooth curves of the poses and three of the root: a least-squares cubic B-spline with a
+control point every few frames loses some millimetres. Encoder and decoder are dense layers from and to these control
+points, told the label; on a CPU they learn in a minute what a Transformer of the same cost does not in ten. Three more
+things differ from Shi 2023:
 
 - The prior is a Gaussian a label, with learned mean and spread, instead of one for all labels.
+- The root is read from the decoded poses by a network of its own, which learns the root's position and the steps of the
+  feet from frame to frame: an error of the root makes a foot slide, and a foot that stands has steps of length zero.
 - After training, new latent vectors are drawn from a density that is fitted to those of the training clips (Ghosh 2020,
   "From variational to deterministic autoencoders", section 4): those of a motion's timing lie on curves, which no
   Gaussian prior fits. It is a smoothed bootstrap (Silverman 1986, section 6.4): the latent vector of a training clip of
@@ -26,7 +30,11 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
+from body.skeleton import JOINT_INDEX
+from models.body_layer import BodyLayer
 from models.motion_generator import POSE_SIZE, SequenceCVAE, checked_labels
+
+FOOT_JOINTS = tuple(JOINT_INDEX[name] for name in ("left_ankle", "left_foot", "right_ankle", "right_foot"))
 
 
 @dataclass(frozen=True)
@@ -42,6 +50,7 @@ class DenseMotionConfig:
         spacing: Frames from one control point to the next.
         kernel_width: Of the density of the latent vectors, in standard deviations of a label.
         kl_weight, vertex_weight: Weights of the loss (``SequenceCVAE.loss``).
+        root_weight, step_weight: Of the mean squared errors of the root [m^2] and of the feet's steps [m^2].
     """
 
     labels: tuple[str, ...]
@@ -53,6 +62,8 @@ class DenseMotionConfig:
     kernel_width: float = 0.5
     kl_weight: float = 1.0e-5
     vertex_weight: float = 1.0
+    root_weight: float = 0.5
+    step_weight: float = 10.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", checked_labels(self.labels))
@@ -67,17 +78,22 @@ class DenseMotionConfig:
 class DenseMotionCVAE(SequenceCVAE):
     """Dense encoder and decoder of control points, a prior a label, and the latent vectors of the training clips."""
 
+    travels = True
+
     def __init__(self, config: DenseMotionConfig) -> None:
         super().__init__(config, config.latent)
         count, d = len(config.labels), config.latent
         spline = spline_basis(config.frames, config.spacing)
         self.register_buffer("spline", spline, persistent=False)
         self.register_buffer("control_points", torch.linalg.pinv(spline), persistent=False)
-        points = spline.shape[1] * POSE_SIZE
-        self.encoder = _dense(points + count, *config.hidden, 2 * d)
-        self.decoder = _dense(d + count, *config.hidden[::-1], points)
+        points = spline.shape[1]
+        self.encoder = _dense(points * POSE_SIZE + count, *config.hidden, 2 * d)
+        self.decoder = _dense(d + count, *config.hidden[::-1], points * POSE_SIZE)
+        self.register_buffer("root_mean", torch.zeros(3))
+        self.register_buffer("root_scale", torch.ones(3))
         self.prior_mean = nn.Parameter(torch.zeros(count, d))
         self.prior_log_deviation = nn.Parameter(torch.zeros(count, d))
+        self.traveller = _dense(points * POSE_SIZE + count, config.hidden[-1] // 2, points * 3)
         # The density: latent vectors of the training clips in the order of their labels, and moments a label.
         self.register_buffer("known", torch.zeros(config.clips, d))
         self.register_buffer("known_first", torch.zeros(count, dtype=torch.long))
@@ -99,16 +115,48 @@ class DenseMotionCVAE(SequenceCVAE):
         return mean, log_deviation
 
     def decode(self, latent: Tensor, labels: Tensor, frames: int) -> Tensor:
+        return self.decode_motion(latent, labels, frames)[0]
+
+    def decode_motion(self, latent: Tensor, labels: Tensor, frames: int) -> tuple[Tensor, Tensor]:
+        """6-D poses [N, T, 24, 6] (not yet orthonormal) and root translations [N, T, 3] [m], first over the origin."""
         points = self.decoder(torch.cat([latent, self.one_hot(labels)], dim=1)).float()
-        curves = self.spline @ points.unflatten(1, (-1, POSE_SIZE))
+        # No gradient: for the sake of the root, poses would be learned less well.
+        root_points = self.traveller(torch.cat([points.detach(), self.one_hot(labels)], dim=1)).float()
+        curves, root = (self.spline @ part.unflatten(1, (-1, n)) for part, n in ((points, POSE_SIZE), (root_points, 3)))
         if frames != self.config.frames:
-            curves = curves[:, mirrored(frames, self.config.frames).to(curves.device)]
-        return self.unscaled(curves)
+            time = mirrored(frames, self.config.frames).to(curves.device)
+            curves, root = curves[:, time], root[:, time]
+        return self.unscaled(curves), from_origin(root * self.root_scale + self.root_mean)
+
+    def set_root_scaling(self, root: Tensor) -> None:
+        """Take mean and spread from training roots [N, T, 3]; a direction hardly moved in keeps a floor of 0.02 m."""
+        flat = from_origin(root).reshape(-1, 3)
+        self.root_mean.copy_(flat.mean(0))
+        self.root_scale.copy_(flat.std(0).clamp_min(0.02))
+
+    def loss(self, body: BodyLayer, batch: tuple[Tensor, ...]) -> dict[str, Tensor]:
+        """As ``SequenceCVAE.loss``; ``root`` and ``step`` are the mean squared errors of the root's coordinates [m^2]
+        and of the movement of ankles and balls of the feet from frame to frame [m^2]."""
+        pose6d, labels, true_root = batch
+        true_root = from_origin(true_root)
+        latent, kl = self._posterior(pose6d, labels)
+        predicted, root = self.decode_motion(latent, labels, pose6d.shape[1])
+        parts, chains = self._pose_loss(body, predicted, pose6d, kl, chained=True)
+        parts["root"] = (root - true_root).square().mean()
+        apart = body.joints_of_chain((chains[0] - chains[1]).detach(), FOOT_JOINTS)
+        apart = apart.unflatten(2, root.shape[:2])  # [J, 3, N, T]
+        step = (apart + (root - true_root).permute(2, 0, 1)).diff(dim=3)
+        parts["step"] = step.square().mean() if step.shape[3] else root.new_zeros(())
+        weighted = self.config.root_weight * parts["root"] + self.config.step_weight * parts["step"]
+        return {name: part.detach() for name, part in parts.items()} | {"total": parts["total"] + weighted}
 
     def prior(self, labels: Tensor) -> tuple[Tensor, Tensor]:
         return self.prior_mean[labels], self.prior_log_deviation[labels]
 
     def draw(self, labels: Tensor, frames: int, generator: torch.Generator) -> Tensor:
+        return self.draw_motion(labels, frames, generator)[0]
+
+    def draw_motion(self, labels: Tensor, frames: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         width = self.config.kernel_width
         noise = torch.randn(len(labels), self.latent_size, generator=generator)
         spread = (self.label_factor[labels] @ noise[..., None])[..., 0]
@@ -119,7 +167,7 @@ class DenseMotionCVAE(SequenceCVAE):
         # A label without training clips has its prior alone.
         kernel = torch.where(count > 0, width, 1.0)[:, None]
         drawn = (self.known[member.clamp_max(len(self.known) - 1)] - centre) * (1.0 - kernel.square()).sqrt()
-        return self.decode(centre + drawn + kernel * spread, labels, frames)
+        return self.decode_motion(centre + drawn + kernel * spread, labels, frames)
 
     @torch.no_grad()
     def finish(self, pose6d: Tensor, labels: Tensor) -> None:
@@ -143,6 +191,11 @@ class DenseMotionCVAE(SequenceCVAE):
             # Few clips tell little about a covariance: as one clip's worth, that of all labels counts.
             covariance = (apart.T @ apart + shared) / len(members) + noise[own == number].mean(0).diag()
             self.label_factor[number] = torch.linalg.cholesky(covariance)
+
+
+def from_origin(root: Tensor) -> Tensor:
+    """Root translations [N, T, 3] moved along the ground so that they start over the origin."""
+    return root - root[:, :1] * root.new_tensor([1.0, 0.0, 1.0])
 
 
 def _dense(*widths: int) -> nn.Sequential:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ GENERATORS: dict[str, tuple[type[MotionGenerator], type]] = {
     "action2motion": (Action2Motion, Action2MotionConfig),
 }
 """Kinds of motion generators: network and settings."""
+Motions = tuple[np.ndarray, Sequence[str]] | tuple[np.ndarray, Sequence[str], np.ndarray]
 GeneratorConfig = MotionCVAEConfig | DenseMotionConfig | ActorConfig | Action2MotionConfig
 
 PAPER_CVAE_TRAINING = TrainingSettings(epochs=5000, learning_rate=1e-4, schedule="plateau")
@@ -72,8 +73,9 @@ def fit_motion_cvae(
     settings: TrainingSettings,
     batch: int,
     work_dir: Path | str,
-    validation: tuple[np.ndarray, Sequence[str]] | None = None,
+    validation: Motions | None = None,
     progress: Progress | None = None,
+    root: np.ndarray | None = None,
 ) -> tuple[MotionGenerator, TrainingLog]:
     """Train a motion generator (published: ``PAPER_CVAE_TRAINING``, batches of ``PAPER_CVAE_BATCH``).
 
@@ -84,20 +86,26 @@ def fit_motion_cvae(
         config: Settings, whose kind chooses the network; its labels must cover ``labels``.
         settings, batch: Of the training loop.
         work_dir: Folder of this run alone; a killed run continues there.
-        validation: Held-out poses and labels; their loss is logged and steers a plateau schedule.
+        validation: Held-out poses and labels, with roots where the generator travels; their loss is logged and steers
+            a plateau schedule.
         progress: Takes lines of text.
+        root: Root translations [m], shape [N, T, 3]; only a generator that travels needs and looks at them.
 
     Raises:
-        ValueError: Wrong shapes, no clips, or a label that the config does not name.
+        ValueError: Wrong shapes, no clips, a label that the config does not name, or no root where it is needed.
     """
     prepare(settings)
     model = build_generator(config)
     layer = BodyLayer(body)
+    if model.travels and root is None:
+        raise ValueError("motion CVAE: this generator also learns root translations, and none are given")
+    motions = (pose6d, labels, root) if model.travels else (pose6d, labels)
+    if validation is not None:
+        validation = validation[: len(motions)]
     model, log = _fit(
         model,
         lambda rows: model.loss(layer, rows),
-        pose6d,
-        labels,
+        motions,
         settings,
         batch,
         work_dir,
@@ -105,7 +113,7 @@ def fit_motion_cvae(
         progress,
         layer,
     )
-    model.finish(*_tensors(pose6d, labels, config.labels))
+    model.finish(*_tensors(config.labels, pose6d, labels))
     return model, log
 
 
@@ -125,8 +133,7 @@ def fit_recognition(
     return _fit(
         model,
         lambda rows: recognition_loss(model, rows),
-        pose6d,
-        labels,
+        (pose6d, labels),
         settings,
         batch,
         work_dir,
@@ -137,30 +144,31 @@ def fit_recognition(
 
 def _fit(
     model: MotionGenerator | RecognitionNetwork,
-    loss: Callable[[tuple[Tensor, Tensor]], dict[str, Tensor]],
-    pose6d: np.ndarray,
-    labels: Sequence[str],
+    loss: Callable[[tuple[Tensor, ...]], dict[str, Tensor]],
+    motions: Motions,
     settings: TrainingSettings,
     batch: int,
     work_dir: Path | str,
-    validation: tuple[np.ndarray, Sequence[str]] | None,
+    validation: Motions | None,
     progress: Progress | None,
     beside: nn.Module | None = None,
 ):
     device = prepare(settings)
-    poses, numbers = _tensors(pose6d, labels, model.config.labels)
-    model.set_scaling(poses)
+    data = _tensors(model.config.labels, *motions)
+    model.set_scaling(data[0])
+    if len(data) == 3:
+        model.set_root_scaling(data[2])
     if beside is not None:
         beside.to(device)
-    poses, numbers = poses.to(device), numbers.to(device)
+    data = tuple(x.to(device) for x in data)
     held = None
     if validation is not None and len(validation[0]):
-        held = tuple(x.to(device) for x in _tensors(*validation, model.config.labels))
+        held = tuple(x.to(device) for x in _tensors(model.config.labels, *validation))
 
-    def batches(epoch: int, generator: np.random.Generator) -> Iterator[tuple[Tensor, Tensor]]:
-        for rows in shuffled_batches(len(poses), batch, generator):
+    def batches(epoch: int, generator: np.random.Generator) -> Iterator[tuple[Tensor, ...]]:
+        for rows in shuffled_batches(len(data[0]), batch, generator):
             chosen = torch.as_tensor(rows, device=device)
-            yield poses[chosen], numbers[chosen]
+            yield tuple(x[chosen] for x in data)
 
     def validate() -> dict[str, float]:
         sums: dict[str, float] = {}
@@ -178,12 +186,14 @@ def _fit(
         work_dir,
         validate=validate if held is not None else None,
         progress=progress,
-        identity=f"{model.config} {batch} {array_digest(poses.cpu().numpy(), numbers.cpu().numpy())}",
+        identity=f"{model.config} {batch} {array_digest(*(x.cpu().numpy() for x in data))}",
     )
     return model.cpu(), log
 
 
-def _tensors(pose6d: np.ndarray, labels: Sequence[str], known: Sequence[str]) -> tuple[Tensor, Tensor]:
+def _tensors(
+    known: Sequence[str], pose6d: np.ndarray, labels: Sequence[str], root: np.ndarray | None = None
+) -> tuple[Tensor, ...]:
     poses = np.asarray(pose6d, dtype=np.float32)
     if poses.ndim != 4 or poses.shape[2:] != (24, 6) or len(poses) == 0:
         raise ValueError(f"pose6d: expected shape [N, T, 24, 6] with N >= 1, got {list(poses.shape)}")
@@ -193,7 +203,13 @@ def _tensors(pose6d: np.ndarray, labels: Sequence[str], known: Sequence[str]) ->
     for name in labels:
         if name not in number:
             raise ValueError(f"label {name!r} is not one of the model's: {', '.join(known)}")
-    return torch.as_tensor(poses), torch.tensor([number[name] for name in labels], dtype=torch.long)
+    tensors = torch.as_tensor(poses), torch.tensor([number[name] for name in labels], dtype=torch.long)
+    if root is None:
+        return tensors
+    root = np.asarray(root, dtype=np.float32)
+    if root.shape != (*poses.shape[:2], 3):
+        raise ValueError(f"root: expected shape {[*poses.shape[:2], 3]}, got {list(root.shape)}")
+    return (*tensors, torch.as_tensor(root))
 
 
 def save_motion_cvae(path: str | os.PathLike, model: MotionGenerator) -> None:
@@ -209,6 +225,11 @@ def load_motion_cvae(path: str | os.PathLike) -> MotionGenerator:
     if kind not in GENERATORS:
         raise ValueError(f"{path}: unknown motion generator {kind!r}; known: {', '.join(GENERATORS)}")
     network, settings = GENERATORS[kind]
+    unknown = {field.name for field in fields(settings)} - set(stored.config)
+    if unknown:
+        raise ValueError(
+            f"{path}: a generator of kind {kind} from before it had {', '.join(sorted(unknown))}; train it again"
+        )
     try:
         model = network(settings(**stored.config))
     except TypeError as error:

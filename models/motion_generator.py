@@ -1,8 +1,8 @@
 """What every motion generator shares: labels, scaling of the poses, sampling and reconstruction.
 
-In: poses in the 6-D form and a label. Out: a pose sequence of that label. Poses alone are generated;
-``motions.grounding`` derives the root translation. Generators are variational autoencoders conditioned on the label:
-with one latent vector a sequence (``SequenceCVAE``: ``models.motion_cvae``, ``models.dense_motion_cvae``,
+In: poses in the 6-D form and a label. Out: a pose sequence of that label. A generator that travels makes the root
+translation too; for the others ``motions.grounding`` derives it. Generators are variational autoencoders conditioned on
+the label: with one latent vector a sequence (``SequenceCVAE``: ``models.motion_cvae``, ``models.dense_motion_cvae``,
 ``models.actor``) or one a frame (``models.action2motion``).
 
 Dimensions: N clips, T frames, d width, C labels.
@@ -11,7 +11,8 @@ Dimensions: N clips, T frames, d width, C labels.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,10 @@ class MotionGenerator(nn.Module, ABC):
     Attributes:
         config: Settings dataclass of the generator; its ``labels`` are the names of the classes.
         latent_size: Size of a latent vector.
+        travels: Whether root translations are generated too; the batches of ``loss`` then hold them.
     """
+
+    travels = False
 
     def __init__(self, config: Any, latent_size: int) -> None:
         super().__init__()
@@ -56,8 +60,13 @@ class MotionGenerator(nn.Module, ABC):
         """6-D poses of motions [N, T, 24, 6] that went through the mean of their latent vectors, the same shape."""
 
     @abstractmethod
-    def loss(self, body: BodyLayer, batch: tuple[Tensor, Tensor]) -> dict[str, Tensor]:
-        """Training loss ("total") and its parts for poses [N, T, 24, 6] and class numbers [N]."""
+    def loss(self, body: BodyLayer, batch: tuple[Tensor, ...]) -> dict[str, Tensor]:
+        """Training loss ("total") and its parts for poses [N, T, 24, 6], class numbers [N] and, where the generator
+        travels, root translations [N, T, 3] [m]."""
+
+    def draw_motion(self, labels: Tensor, frames: int, generator: torch.Generator) -> tuple[Tensor, Tensor | None]:
+        """As ``draw``, with the root translations [N, T, 3] [m] of a generator that travels."""
+        return self.draw(labels, frames, generator), None
 
     def finish(self, pose6d: Tensor, labels: Tensor) -> None:
         """Called once after training, with its poses [N, T, 24, 6] and class numbers [N]; most have nothing to do."""
@@ -90,8 +99,14 @@ class MotionGenerator(nn.Module, ABC):
                 raise ValueError(f"motion CVAE: label {name!r} was not trained; known: {', '.join(known)}")
         return torch.tensor([known[name] for name in labels], dtype=torch.long)
 
-    @torch.no_grad()
     def sample(self, labels: Sequence[str], frames: int, generator: torch.Generator) -> np.ndarray:
+        """The poses alone of what ``sample_motions`` generates, shape [N, T, 24, 6]."""
+        return self.sample_motions(labels, frames, generator)[0]
+
+    @torch.no_grad()
+    def sample_motions(
+        self, labels: Sequence[str], frames: int, generator: torch.Generator
+    ) -> tuple[np.ndarray, np.ndarray | None]:
         """Generate one motion a label, with latent vectors drawn from the prior.
 
         Args:
@@ -100,26 +115,34 @@ class MotionGenerator(nn.Module, ABC):
             generator: Source of randomness: the same state gives the same motions.
 
         Returns:
-            Orthonormal 6-D poses, shape [N, T, 24, 6] float32.
+            Orthonormal 6-D poses, shape [N, T, 24, 6] float32, and root translations [m], shape [N, T, 3] float32, that
+            start over the origin; None from a generator of poses alone.
+
+        Raises:
+            ValueError: An unknown label or no frames.
         """
         if frames < 1:
             raise ValueError(f"motion CVAE: a motion needs at least 1 frame, got {frames}")
         numbers = self.label_numbers(labels)
-        return self._evaluated(lambda: self.draw(numbers, frames, generator))
+        with self._evaluating():
+            pose6d, root = self.draw_motion(numbers, frames, generator)
+        return orthonormal_6d(pose6d).numpy(), None if root is None else root.numpy()
 
     @torch.no_grad()
     def reconstruct(self, pose6d: np.ndarray, labels: Sequence[str]) -> np.ndarray:
         """Encode and decode motions [N, T, 24, 6] through the mean of their latent vectors; same shape."""
         numbers = self.label_numbers(labels)
         poses = torch.as_tensor(np.asarray(pose6d, dtype=np.float32))
-        return self._evaluated(lambda: self.rebuild(poses, numbers))
+        with self._evaluating():
+            return orthonormal_6d(self.rebuild(poses, numbers)).numpy()
 
-    def _evaluated(self, compute: Callable[[], Tensor]) -> np.ndarray:
-        """Run without dropout and put the 6-D forms back onto rotations."""
+    @contextmanager
+    def _evaluating(self) -> Iterator[None]:
+        """Without dropout."""
         was_training = self.training
         self.eval()
         try:
-            return orthonormal_6d(compute()).numpy()
+            yield
         finally:
             self.train(was_training)
 
@@ -160,20 +183,32 @@ class SequenceCVAE(MotionGenerator):
         no latent vector drawn from the prior would decode to a motion.
         """
         pose6d, labels = batch
+        latent, kl = self._posterior(pose6d, labels)
+        return self._pose_loss(body, self.decode(latent, labels, pose6d.shape[1]), pose6d, kl)[0]
+
+    def _posterior(self, pose6d: Tensor, labels: Tensor) -> tuple[Tensor, Tensor]:
+        """Latent vectors [N, d], with noise while training, and the mean of their divergence from the prior."""
         mean, log_deviation = (x.float() for x in self.encode(pose6d, labels))
         noise = torch.randn_like(mean) if self.training else torch.zeros_like(mean)
-        predicted = self.decode(mean + noise * log_deviation.exp(), labels, pose6d.shape[1])
+        return mean + noise * log_deviation.exp(), gaussian_kl(mean, log_deviation, *self.prior(labels)).mean()
+
+    def _pose_loss(
+        self, body: BodyLayer, predicted: Tensor, pose6d: Tensor, kl: Tensor, chained: bool = False
+    ) -> tuple[dict[str, Tensor], tuple[Tensor, Tensor] | None]:
+        """The loss, and what ``rotation_chain`` gives of both poses, where it needs them or they are asked for."""
         pose = (predicted - pose6d).square().mean()
-        kl = gaussian_kl(mean, log_deviation, *self.prior(labels)).mean()
         loss = pose + self.config.kl_weight * kl
         parts = {"pose": pose.detach(), "kl": kl.detach()}
+        if self.config.vertex_weight == 0.0 and not chained:
+            return {"total": loss, **parts}, None
+        with torch.no_grad():
+            target = body.rotation_chain(pose6d)
+        chains = body.rotation_chain(predicted), target
         if self.config.vertex_weight > 0.0:
-            with torch.no_grad():
-                target = body.rotation_chain(pose6d)
-            vertex = body.mean_squared_pose_error(body.rotation_chain(predicted), target) / 3.0
+            vertex = body.mean_squared_pose_error(*chains) / 3.0
             loss = loss + self.config.vertex_weight * vertex
             parts["vertex"] = vertex.detach()
-        return {"total": loss, **parts}
+        return {"total": loss, **parts}, chains
 
 
 def gaussian_kl(mean: Tensor, log_deviation: Tensor, prior_mean: Tensor, prior_log_deviation: Tensor) -> Tensor:

@@ -50,7 +50,7 @@ def main(job: Job) -> None:
     write_table(job.outputs[1], [row | judge | budgets.get(row["source"], {}) for row in rows])
     print("[motion] generation done", flush=True)
     frames = train.pose6d.shape[1]
-    generated = {name: m.sample(test.labels, frames, sampling(spec["seed"], 0)) for name, m in models.items()}
+    generated = {name: m.sample_motions(test.labels, frames, sampling(spec["seed"], 0)) for name, m in models.items()}
     write_table(job.outputs[2], quality_rows(split_clips(job, motions, held_out=True), generated, body))
 
 

@@ -30,8 +30,14 @@ def split_clips(job: Job, paths: Iterable[str], held_out: bool) -> list[Clip]:
 
 def labelled_poses(job: Job, paths: Iterable[str], held_out: bool) -> tuple[np.ndarray, list[str]]:
     """Poses of the clips of one side of the split in the 6-D form, shape [N, T, 24, 6], and their labels."""
+    return labelled_motions(job, paths, held_out)[:2]
+
+
+def labelled_motions(job: Job, paths: Iterable[str], held_out: bool) -> tuple[np.ndarray, list[str], np.ndarray]:
+    """As ``labelled_poses``, with the root translations [m], shape [N, T, 3]."""
     clips = split_clips(job, paths, held_out)
-    return np.stack([axis_angle_to_6d(c.pose) for c in clips]).astype(np.float32), [c.label for c in clips]
+    poses = np.stack([axis_angle_to_6d(c.pose) for c in clips]).astype(np.float32)
+    return poses, [c.label for c in clips], np.stack([c.root for c in clips])
 
 
 def generated_tracks(
@@ -43,12 +49,15 @@ def generated_tracks(
     body: Body,
     generator: torch.Generator,
 ) -> list[MotionTrack]:
-    """Motions sampled from the CVAE, on the ground with planted feet and led into, to be dressed; one a label given."""
+    """Motions sampled from the CVAE, on the ground with planted feet and led into, to be dressed; one a label given.
+
+    The root is derived from the poses where the CVAE makes poses alone.
+    """
     tracks = []
-    for number, pose6d in enumerate(cvae.sample(labels, frames, generator)):
+    poses, roots = cvae.sample_motions(labels, frames, generator)
+    for number, pose6d in enumerate(poses):
         pose = matrix_to_axis_angle(matrix_from_6d(pose6d)).astype(np.float32)
-        root = ground_motion(pose, body)
-        pose = plant_feet(pose, root, body, fps)
+        pose, root = plant_feet(pose, ground_motion(pose, body) if roots is None else roots[number], body, fps)
         clip = Clip(f"generated_{number:04d}", "generated", labels[number], pose, root, fps, "cvae")
         lead_pose, lead_root = lead_in(clip, body, lead)
         whole_pose, whole_root = np.concatenate([lead_pose, clip.pose]), np.concatenate([lead_root, clip.root])

@@ -209,19 +209,23 @@ CAPTIONS: dict[str, Caption] = {
     ),
     "motion_quality": Caption(
         "Can a body move like that?",
-        "Mean and 95% interval over motions. Foot skate: 99th percentile of the speed of a touching foot. Generators "
-        "make poses, and the root is derived from them: the real poses with a derived root show what that costs alone. "
-        "Planted: the motion as it is dressed, after inverse kinematics have taken back the sliding of its feet. "
+        "Mean and 95% interval over motions. Foot skate: 99th percentile of the speed of a touching foot. The dense "
+        "generators make the root translation too; the others make poses, and the root is derived from them, under "
+        "which nothing leaves the ground: the real poses with a derived root show what that costs alone. Planted: the "
+        "motion as it is dressed, after inverse kinematics have put its touching feet on the ground, where they stay. "
+        "Floating: largest height of the lower foot, a jump's flight. "
         "Refused: share of motions that no body can make.",
         "In none of the papers.",
         _made("evaluate_motion", "evaluation/motion_quality.py", "motion_quality"),
         "Clips that were not trained on, and as many generated ones with their labels.",
         (
             "source",
+            "root",
             "foot_skate_cm_s",
             "planted_foot_skate_cm_s",
             "ground_penetration_cm",
             "planted_ground_penetration_cm",
+            "planted_floating_cm",
             "joint_jerk_rad_s3",
             "refused_percent",
             "motions",

@@ -53,6 +53,14 @@ def test_closed_form_vertex_error_equals_the_sum_over_vertices(layer: BodyLayer)
     assert float(closed) == pytest.approx(float(brute), rel=1e-4)
 
 
+def test_joints_of_the_chain_are_those_of_the_numpy_body_about_its_pelvis(body: Body, layer: BodyLayer) -> None:
+    pose, root = _motion(5)
+    joints = body.joint_positions(pose, root)
+    found = layer.joints_of_chain(layer.rotation_chain(_six(pose)), (0, 10, 20))
+    expected = (joints[:, [0, 10, 20]] - joints[:, :1]).transpose(1, 2, 0)
+    np.testing.assert_allclose(found.numpy(), expected, atol=1e-5)
+
+
 def test_gradients_of_both_forms_agree(layer: BodyLayer) -> None:
     target = _six(_motion(3, 2)[0])
     gradients = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from geometry.rotations import matrix_from_6d
 from models.action2motion import Action2Motion, Action2MotionConfig
 from models.actor import Actor, ActorConfig
 from models.body_layer import BodyLayer
+from models.checkpoint import save_model
 from models.dense_motion_cvae import DenseMotionConfig, DenseMotionCVAE, mirrored, spline_basis
 from models.motion_fitting import fit_motion_cvae, load_motion_cvae, save_motion_cvae, variant_config
 from models.motion_generator import MotionGenerator, gaussian_kl
@@ -28,6 +30,13 @@ CONFIGS = {
 EPOCHS = {"dense": 250, "actor": 250, "action2motion": 200}
 
 
+def roots(labels: list[str]) -> np.ndarray:
+    """Those that bow go up and down at their place, those that walk go ahead, all from somewhere."""
+    time = np.arange(10)
+    ways = {"bow": np.stack([0 * time, 0.1 * np.sin(time / 2.0), 0 * time], 1), "walk": np.outer(time, (0, 0, 0.03))}
+    return np.stack([ways[label] + (5.0, 0.0, -3.0) for label in labels]).astype(np.float32)
+
+
 @pytest.fixture(scope="module")
 def body() -> Body:
     return Body.load("small")
@@ -40,7 +49,8 @@ def trained(request: pytest.FixtureRequest, body: Body, tmp_path_factory: pytest
         epochs=EPOCHS[request.param], learning_rate=5e-3, schedule="cosine", checkpoint_every=1000
     )
     folder = tmp_path_factory.mktemp(request.param)
-    model, log = fit_motion_cvae(poses, labels, body, CONFIGS[request.param], settings, 8, folder)
+    config = CONFIGS[request.param]
+    model, log = fit_motion_cvae(poses, labels, body, config, settings, 8, folder, root=roots(labels))
     assert {"pose", "kl", "total"} <= set(log.last())
     return model
 
@@ -62,6 +72,17 @@ def test_samples_are_rotations_of_any_length_and_follow_the_label(trained: Motio
         own = np.square(generated[number::2].mean((0, 1)) - poses[number::2].mean((0, 1))).mean()
         other = np.square(generated[number::2].mean((0, 1)) - poses[1 - number :: 2].mean((0, 1))).mean()
         assert own < 0.3 * other
+
+
+def test_the_root_is_generated_by_those_that_travel_alone(trained: MotionGenerator) -> None:
+    labels = ["bow", "walk"] * 4
+    poses, root = trained.sample_motions(labels, 10, torch.Generator().manual_seed(1))
+    np.testing.assert_array_equal(poses, trained.sample(labels, 10, torch.Generator().manual_seed(1)))
+    assert (root is not None) == trained.travels == isinstance(trained, DenseMotionCVAE)
+    if root is not None:
+        true = roots(labels)
+        assert np.abs(root - (true - true[:, :1] * (1.0, 0.0, 1.0))).mean() < 0.03
+        np.testing.assert_array_equal(root[:, 0, [0, 2]], 0.0)
 
 
 def test_same_seed_gives_the_same_motions_and_another_gives_others(trained: MotionGenerator) -> None:
@@ -180,7 +201,7 @@ def _dense(kernel_width: float, clips: int = 40) -> tuple[DenseMotionCVAE, torch
 def test_drawn_latent_vectors_have_mean_and_spread_of_the_training_clips(kernel_width: float) -> None:
     model, poses, labels = _dense(kernel_width)
     seen: list[torch.Tensor] = []
-    model.decode = lambda latent, labels, frames: seen.append(latent)
+    model.decode_motion = lambda latent, labels, frames: (seen.append(latent), None)
     many = torch.zeros(4000, dtype=torch.long)
     with torch.no_grad():
         model.draw(many, 10, torch.Generator().manual_seed(0))
@@ -218,3 +239,43 @@ def test_spline_holds_a_constant_and_a_line() -> None:
     np.testing.assert_allclose(basis.sum(1).numpy(), 1.0, atol=1e-6)
     line = basis @ (4.0 * (torch.arange(basis.shape[1]) - 1.0))
     np.testing.assert_allclose(line.numpy(), np.arange(13.0), atol=1e-5)
+
+
+def test_losses_of_root_and_steps_equal_their_definitions(body: Body) -> None:
+    model, poses, labels = _dense(0.5)
+    poses, labels, root = poses[:3], labels[:3], torch.as_tensor(roots(["walk"] * 3))
+    root = root + torch.randn(root.shape, generator=torch.Generator().manual_seed(0))
+    layer = BodyLayer(body)
+    with torch.no_grad():
+        parts = model.loss(layer, (poses, labels, root))
+        predicted, made = model.decode_motion(model.encode(poses, labels)[0], labels, 10)
+        true = root - root[:, :1] * torch.tensor([1.0, 0.0, 1.0])
+        feet = [layer.joint_positions(layer.global_rotations(p), r) for p, r in ((predicted, made), (poses, true))]
+        step = (feet[0] - feet[1])[:, :, [7, 8, 10, 11]].diff(dim=1).square().mean()
+    assert float(parts["root"]) == pytest.approx(float((made - true).square().mean()), rel=1e-5)
+    assert float(parts["step"]) == pytest.approx(float(step), rel=1e-3)
+    only_root = (
+        model.loss(layer, (poses, labels, root))["total"] - model.loss(layer, (poses, labels, 2.0 * root))["total"]
+    )
+    only_root.backward()  # the poses are not learned for the sake of the root
+    assert all(p.grad is None or p.grad.abs().max() < 1e-7 for p in model.decoder.parameters())
+    assert max(p.grad.abs().max() for p in model.traveller.parameters()) > 1e-5
+    weights = {"pose": 1.0, "vertex": 1.0, "kl": 1e-5, "root": 0.5, "step": 10.0}
+    assert float(parts["total"]) == pytest.approx(sum(w * float(parts[name]) for name, w in weights.items()), rel=1e-4)
+
+
+def test_a_generator_that_travels_asks_for_roots_and_refuses_files_from_before(body: Body, tmp_path: Path) -> None:
+    poses, labels = labelled_motions(8)
+    settings = TrainingSettings(epochs=1)
+    with pytest.raises(ValueError, match="also learns root translations, and none are given"):
+        fit_motion_cvae(poses, labels, body, CONFIGS["dense"], settings, 8, tmp_path)
+    with pytest.raises(ValueError, match=r"root: expected shape \[8, 10, 3\], got \[8, 9, 3\]"):
+        fit_motion_cvae(poses, labels, body, CONFIGS["dense"], settings, 8, tmp_path, root=roots(labels)[:, :9])
+    model = DenseMotionCVAE(CONFIGS["dense"])
+    config = {"kind": "dense", **asdict(model.config)}
+    del config["root_weight"]
+    save_model(tmp_path / "old.pt", "motion_cvae", config, model)
+    with pytest.raises(
+        ValueError, match=r"old\.pt: a generator of kind dense from before it had root_weight; train it"
+    ):
+        load_motion_cvae(tmp_path / "old.pt")

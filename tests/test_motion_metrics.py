@@ -160,15 +160,24 @@ def test_quality_tells_a_moonwalk_from_a_stand_and_counts_what_no_body_can_do(bo
     clips = [Clip(name, name, "stand", still[0], r, 30.0, "test") for name, r in (("stands", root), ("slides", slid))]
     broken = still.copy()
     broken[0, 6:, 1, 0] = 2.5  # a hip that turns by 143 degrees between two frames
+    six = axis_angle_to_6d(still).astype(np.float32)
     generated = {
-        "still": axis_angle_to_6d(still).astype(np.float32),
-        "broken": axis_angle_to_6d(broken).astype(np.float32),
+        "still": (six, None),
+        "sunk": (six, root[None] - np.array([0.0, 0.03, 0.0], dtype=np.float32)),
+        "broken": (axis_angle_to_6d(broken).astype(np.float32), None),
     }
     rows = {row["source"]: row for row in quality_rows(clips, generated, body)}
     assert rows["real, unseen motions"]["foot_skate_cm_s"] == pytest.approx(30.0, rel=0.01)
     assert rows["real, unseen motions"]["planted_foot_skate_cm_s"] < 15.0  # one stands, one slides farther than a leg
     assert rows["still"]["foot_skate_cm_s"] == pytest.approx(0.0, abs=1e-3)
     assert rows["still"]["ground_penetration_cm"] == pytest.approx(0.0, abs=1e-3)
+    assert rows["sunk"]["ground_penetration_cm"] == pytest.approx(3.0, abs=0.01)
+    assert rows["sunk"]["planted_ground_penetration_cm"] == pytest.approx(0.0, abs=1e-3)
+    assert [rows[name]["root"] for name in ("real, unseen motions", "still", "sunk")] == [
+        "recorded",
+        "derived",
+        "generated",
+    ]
     assert rows["broken"]["refused_percent"] == 100.0 and rows["broken"]["foot_skate_cm_s"] is None
     with pytest.raises(ValueError, match="no real clip"):
         quality_rows([], generated, body)
