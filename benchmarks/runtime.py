@@ -29,10 +29,11 @@ from geometry.topology import vertex_normals
 from models.dense_motion_cvae import DenseMotionConfig, DenseMotionCVAE
 from models.garment_fitting import build_regressor
 from models.garment_regressor import variant_config
+from models.intrinsic_fitting import build_motion_invariant, decode_frames
 from models.motion_cvae import MotionCVAE, MotionCVAEConfig
 from models.motion_features import MotionTrack
 from models.motion_generator import MotionGenerator
-from models.motion_invariant import MotionInvariantConfig, MotionInvariantNetwork, decode_frames
+from models.motion_invariant import MotionInvariantConfig
 from models.refinement import Refiner
 from models.shape_descriptor import PaperDescriptor, ShapeDescriptorConfig, decode_all
 from motions.clip import Clip
@@ -108,7 +109,7 @@ def animation_rows(body: Body, template: GarmentTemplate, clip: Clip, repetition
 def intrinsic_row(template: GarmentTemplate, repetitions: int) -> Row:
     """From z and a motion signature to a shape, both networks of the paper's size, 60 frames at once."""
     descriptor = PaperDescriptor(ShapeDescriptorConfig(), template.faces, len(template.vertices)).eval()
-    network = MotionInvariantNetwork(MotionInvariantConfig(), descriptor.config.code, 1200).eval()
+    network = build_motion_invariant(MotionInvariantConfig(), descriptor.config.code, 1200, 0).eval()
     z = np.zeros((FRAMES, network.config.latent), dtype=np.float32)
     signatures = np.zeros((FRAMES, 1200), dtype=np.float32)
     taken = milliseconds(lambda: decode_all(descriptor, decode_frames(network, z, signatures)), FRAMES, repetitions)

@@ -1,25 +1,22 @@
 """Does z hold the material and not the motion? (Wang 2019, section 4 (ii), Fig. 10 and 11, with the controls it lacks.)
 
 In: a trained motion-invariant network, the shape descriptor below it, and frames with their simulated garments in the
-canonical frame. Out: rows of transfer errors against the simulation, of the latent's variance ratio, and of how well
-each intrinsic parameter can be read from z. A sequence is the run of frames with one phi and one clip.
+canonical frame. Out: rows of transfer errors against the simulation and of the latent's variance ratio. A sequence is
+the run of frames with one phi and one clip; its z is that of all its frames together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
 from evaluation.metrics import rmse
-from evaluation.ridge import Ridge
 from evaluation.table import Row
-from models.motion_invariant import MotionInvariantNetwork, decode_frames, encode_frames
+from models.intrinsic_fitting import decode_frames, encode_frames, frame_evidence, pooled
+from models.motion_invariant import MotionInvariantNetwork
 from models.same_phi import IntrinsicFrames
 from models.shape_descriptor import ShapeDescriptor, decode_all
-
-HELD_OUT_EVERY = 5
-"""Every fifth training phi chooses the penalty of the regression from z to the parameters."""
 
 
 def transfer_rows(
@@ -31,6 +28,7 @@ def transfer_rows(
     split: str,
     sources: IntrinsicFrames | None = None,
     seed: int = 0,
+    stride: int = 1,
 ) -> list[Row]:
     """Errors of decoding each sequence's motion with a z from elsewhere, against its own simulation.
 
@@ -42,14 +40,15 @@ def transfer_rows(
         training: The network's training frames: the mean z and the mean shape of the controls come from them.
         split: Name for the rows.
         sources: Frames that z may be taken from where the split holds a phi with one clip only (default: ``frames``).
-        seed: Of the choice of single frames and wrong phi.
+        seed: Of the choice of single frames, source clips and wrong phi.
+        stride: Frames from one measured frame of a sequence to the next; z is always taken from all.
 
     Returns:
         Rows with ``rmse_mm`` (root mean square over vertices and frames of a sequence, mean over sequences):
         "descriptor floor" (encoded and decoded without this network), "own reconstruction", "transfer, z of a clip"
-        (mean z of another clip of the same phi), "transfer, z of one frame" (of that clip), "wrong phi, z of a clip"
-        (the same clip under another phi, where there is one), "motion only, mean z" (one z for all), "mean shape"
-        (the decoded mean descriptor).
+        (of another clip of the same phi), "transfer, z of one frame" (of that clip), "transfer, z of all other clips",
+        "wrong phi, z of a clip" (the same clip under another phi, where there is one), "mean z" (one z for all),
+        "mean shape" (the decoded mean descriptor).
 
     Raises:
         ValueError: no sequence has a second clip with its phi, or shapes disagree.
@@ -58,12 +57,14 @@ def transfer_rows(
         raise ValueError(f"transfer: {len(frames.descriptors)} frames, but {len(vertices)} garments")
     sources = frames if sources is None else sources
     generator = np.random.default_rng(seed)
-    own = encode_frames(network, frames.descriptors, frames.signatures)
-    pool = own if sources is frames else encode_frames(network, sources.descriptors, sources.signatures)
-    mean_latent = encode_frames(network, training.descriptors, training.signatures).mean(axis=0)
-    mean_descriptor = training.descriptors.mean(axis=0, keepdims=True)
+    values, weights = frame_evidence(network, sources)
     runs = sequences_of(sources)
+    mean_latent = sequence_latents(network, training)[0].mean(axis=0)
+    mean_descriptor = training.descriptors.mean(axis=0, keepdims=True)
     errors: dict[str, list[float]] = {}
+
+    def z_of(index: np.ndarray) -> np.ndarray:
+        return pooled(network, values[index], weights[index])
 
     for (phi, clip), index in sequences_of(frames).items():
         others = [key for key in runs if key[0] == phi and key[1] != clip]
@@ -71,25 +72,27 @@ def transfer_rows(
             continue
         source = runs[others[generator.integers(len(others))]]
         wrong = _wrong_phi(runs, phi, sources.clip[source[0]], generator)
-        truth, signatures = vertices[index], frames.signatures[index]
+        measured = index[::stride]
+        truth, seen = vertices[measured], frames.at(measured)
         latents: dict[str, np.ndarray] = {
-            "own reconstruction": own[index],
-            "transfer, z of a clip": pool[source].mean(axis=0),
-            "transfer, z of one frame": pool[generator.choice(source)],
+            "own reconstruction": encode_frames(network, seen),
+            "transfer, z of a clip": z_of(source),
+            "transfer, z of one frame": z_of(generator.choice(source, 1)),
+            "transfer, z of all other clips": z_of(np.concatenate([runs[key] for key in others])),
         }
         if wrong is not None:
-            latents["wrong phi, z of a clip"] = pool[wrong].mean(axis=0)
-        latents["motion only, mean z"] = mean_latent
-        predictions = {name: decode_frames(network, z, signatures) for name, z in latents.items()}
-        predictions = {"descriptor floor": frames.descriptors[index], **predictions}
-        predictions["mean shape"] = np.repeat(mean_descriptor, len(index), axis=0)
-        for name, codes in predictions.items():
-            errors.setdefault(name, []).append(rmse(decode_all(descriptor, codes), truth))
+            latents["wrong phi, z of a clip"] = z_of(wrong)
+        latents["mean z"] = mean_latent
+        predictions = {name: decode_frames(network, z, seen.signatures[:]) for name, z in latents.items()}
+        predictions = {"descriptor floor": seen.descriptors, **predictions}
+        predictions["mean shape"] = np.repeat(mean_descriptor, len(measured), axis=0)
+        names, codes = list(predictions), np.concatenate(list(predictions.values()))
+        for name, decoded in zip(names, np.split(decode_all(descriptor, codes), len(names)), strict=True):
+            errors.setdefault(name, []).append(rmse(decoded, truth))
     if not errors:
         raise ValueError(f"transfer, split {split}: no parameter set has two clips, so there is nothing to transfer")
-    labels = {"split": split, "variant": network.config.variant}
     return [
-        {**labels, "quantity": name, "rmse_mm": 1e3 * float(np.mean(values)), "sequences": len(values)}
+        {"split": split, "quantity": name, "rmse_mm": 1e3 * float(np.mean(values)), "sequences": len(values)}
         for name, values in errors.items()
     ]
 
@@ -97,19 +100,15 @@ def transfer_rows(
 def variance_row(network: MotionInvariantNetwork, frames: IntrinsicFrames, split: str) -> Row:
     """Variance of z within one phi over the variance of its means across phi; 0 = motion-invariant.
 
-    ``ratio`` is of single frames, ``clip_ratio`` of the mean z of each sequence. None with fewer than two phi, or where
-    z does not vary at all.
+    ``ratio`` is of single frames, ``clip_ratio`` of the z of each sequence. None with fewer than two phi, or where z
+    does not vary at all.
     """
-    latents = encode_frames(network, frames.descriptors, frames.signatures)
-    runs = sequences_of(frames)
-    means = np.stack([latents[index].mean(axis=0) for index in runs.values()])
-    owners = np.array([phi for phi, _ in runs])
+    latents, owners = sequence_latents(network, frames)
     return {
         "split": split,
-        "variant": network.config.variant,
         "phi_count": len(np.unique(frames.phi)),
-        "ratio": variance_ratio(latents, np.asarray(frames.phi)),
-        "clip_ratio": variance_ratio(means, owners),
+        "ratio": variance_ratio(encode_frames(network, frames), np.asarray(frames.phi)),
+        "clip_ratio": variance_ratio(latents, owners),
     }
 
 
@@ -123,57 +122,24 @@ def variance_ratio(latents: np.ndarray, phi: np.ndarray) -> float | None:
     return float(within / across) if across > 1e-12 else None
 
 
-def recovery_rows(
-    network: MotionInvariantNetwork,
-    training: IntrinsicFrames,
-    tests: Mapping[str, IntrinsicFrames],
-    parameters: Mapping[int, Mapping[str, float]],
-    logarithmic: Collection[str] = (),
-) -> list[Row]:
-    """R^2 of a ridge regression from the mean z of a sequence to each (log) intrinsic parameter.
+def against_controls(rows: list[Row]) -> list[Row]:
+    """The transfers of all variants, each beside the same transfer of the two controls.
 
-    Fitted to the training sequences, its penalty chosen on held-out training phi. ``r_squared`` is 1 - squared error
-    over the squared deviation from the test mean, so below 0 is worse than a constant.
-
-    Args:
-        network: What is evaluated.
-        training: Sequences that the regression learns from.
-        tests: Sequences of phi (and motions) that it has not seen, by split.
-        parameters: Values by name, by number of the parameter set; names that do not vary in training are left out.
-        logarithmic: Names that are regressed as their logarithm.
+    ``over_true_parameters`` is the error over that of the decoder that is given the true parameters; ``gain_share`` the
+    share of that decoder's gain over motion alone that is reached: 1 as good, 0 no better than no z, below 0 worse.
+    Without both controls, and in other rows, they stay out.
     """
-    names = list(next(iter(parameters.values())))
-    values = {phi: np.array([_value(p[name], name in logarithmic) for name in names]) for phi, p in parameters.items()}
-    x, phi = _sequence_latents(network, training)
-    y = np.stack([values[p] for p in phi])
-    varied = np.flatnonzero(y.std(axis=0) > 1e-9)
-    held_out = np.isin(phi, np.unique(phi)[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY])
-    # In units of the training set: one penalty is chosen for all parameters, and their sizes differ by 1e8.
-    centre, spread = y[:, varied].mean(axis=0), y[:, varied].std(axis=0)
-    ridge = Ridge()
-    ridge.add(x[~held_out], (y[~held_out][:, varied] - centre) / spread)
-    if held_out.any():
-        ridge.add(x[held_out], (y[held_out][:, varied] - centre) / spread, held_out=True)
-    ridge.fit()
-    rows: list[Row] = []
-    for split, frames in tests.items():
-        x_test, phi_test = _sequence_latents(network, frames)
-        truth = (np.stack([values[p] for p in phi_test])[:, varied] - centre) / spread
-        error = np.sum((ridge.predict(x_test) - truth) ** 2, axis=0)
-        total = np.sum((truth - truth.mean(axis=0)) ** 2, axis=0)
-        for k, column in enumerate(varied):
-            rows.append(
-                {
-                    "split": split,
-                    "variant": network.config.variant,
-                    "parameter": names[column],
-                    "logarithm": names[column] in logarithmic,
-                    "r_squared": float(1.0 - error[k] / total[k]) if total[k] > 1e-12 else None,
-                    "phi_count": len(np.unique(phi_test)),
-                    "sequences": len(phi_test),
-                }
-            )
-    return rows
+    known = {(r["variant"], r["split"], r["quantity"]): r["rmse_mm"] for r in rows}
+    out = []
+    for row in rows:
+        motion = known.get(("motion-only", row["split"], row["quantity"]))
+        true = known.get(("true-parameters", row["split"], row["quantity"]))
+        if str(row["quantity"]).startswith("transfer") and motion is not None and true is not None:
+            row = row | {"over_true_parameters": row["rmse_mm"] / true}
+            if motion > true:
+                row = row | {"gain_share": (motion - row["rmse_mm"]) / (motion - true)}
+        out.append(row)
+    return out
 
 
 def sequences_of(frames: IntrinsicFrames) -> dict[tuple[int, int], np.ndarray]:
@@ -181,7 +147,17 @@ def sequences_of(frames: IntrinsicFrames) -> dict[tuple[int, int], np.ndarray]:
     keys = np.stack([np.asarray(frames.phi), np.asarray(frames.clip)], axis=1)
     unique, inverse = np.unique(keys, axis=0, return_inverse=True)
     inverse = inverse.reshape(-1)
-    return {(int(p), int(c)): np.flatnonzero(inverse == i) for i, (p, c) in enumerate(unique)}
+    order = np.argsort(inverse, kind="stable")
+    parts = np.split(order, np.cumsum(np.bincount(inverse))[:-1])
+    return {(int(p), int(c)): part for (p, c), part in zip(unique, parts, strict=True)}
+
+
+def sequence_latents(network: MotionInvariantNetwork, frames: IntrinsicFrames) -> tuple[np.ndarray, np.ndarray]:
+    """The z of each sequence [S, Z], and its phi [S]."""
+    values, weights = frame_evidence(network, frames)
+    runs = sequences_of(frames)
+    latents = np.stack([pooled(network, values[index], weights[index]) for index in runs.values()])
+    return latents, np.array([phi for phi, _ in runs])
 
 
 def _wrong_phi(
@@ -192,13 +168,3 @@ def _wrong_phi(
     same_clip = [key for key in strangers if key[1] == clip]
     chosen = same_clip or strangers
     return runs[chosen[generator.integers(len(chosen))]] if chosen else None
-
-
-def _sequence_latents(network: MotionInvariantNetwork, frames: IntrinsicFrames) -> tuple[np.ndarray, np.ndarray]:
-    latents = encode_frames(network, frames.descriptors, frames.signatures)
-    runs = sequences_of(frames)
-    return np.stack([latents[index].mean(axis=0) for index in runs.values()]), np.array([phi for phi, _ in runs])
-
-
-def _value(value: float, logarithm: bool) -> float:
-    return float(np.log(value)) if logarithm else float(value)

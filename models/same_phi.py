@@ -11,6 +11,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from models.motion_history import MotionHistory
+
 
 @dataclass(frozen=True)
 class IntrinsicFrames:
@@ -18,27 +20,29 @@ class IntrinsicFrames:
 
     Attributes:
         descriptors: S, shape [N, C].
-        signatures: M [m], shape [N, D].
+        signatures: M, shape [N, D]: an array, or rows that are made when they are asked for.
         phi: Number of the parameter set, shape [N].
         clip: Number of the clip, shape [N].
+        parameters: Values of the parameter set on the scale that they are drawn on, shape [N, P]; P may be 0.
     """
 
     descriptors: np.ndarray
-    signatures: np.ndarray
+    signatures: np.ndarray | MotionHistory
     phi: np.ndarray
     clip: np.ndarray
+    parameters: np.ndarray
 
     def __post_init__(self) -> None:
         count = len(self.descriptors)
-        if self.descriptors.ndim != 2 or self.signatures.ndim != 2 or count == 0:
+        if self.descriptors.ndim != 2 or len(self.signatures.shape) != 2 or count == 0:
             raise ValueError("intrinsic frames: descriptors and signatures must be of shape [N, C] and [N, D], N > 0")
-        for name in ("signatures", "phi", "clip"):
+        for name in ("signatures", "phi", "clip", "parameters"):
             if len(getattr(self, name)) != count:
                 raise ValueError(f"intrinsic frames: {count} descriptors, but {len(getattr(self, name))} {name}")
 
     def at(self, index: np.ndarray) -> IntrinsicFrames:
         """The frames of the given numbers."""
-        return IntrinsicFrames(*(np.asarray(getattr(self, f.name))[index] for f in fields(self)))
+        return IntrinsicFrames(*(getattr(self, f.name).take(index, axis=0) for f in fields(self)))
 
 
 class SamePhiBatches:
@@ -83,3 +87,12 @@ class SamePhiBatches:
         # Sorted by clip and rolled by the largest clip, no frame meets its own clip unless one has over half of all.
         partners[order] = np.roll(order, sizes.max() if len(sizes) > 1 else 1)
         return partners
+
+    def halves(self, frames: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+        """0 or 1 for each frame of a batch, so that the two halves share no clip; a single clip is split at random."""
+        clips = np.unique(self.clip[frames])
+        if len(clips) == 1:
+            half = np.arange(len(frames)) % 2
+            return generator.permutation(half)
+        first = generator.permutation(clips)[: len(clips) // 2]
+        return np.isin(self.clip[frames], first).astype(np.int64)

@@ -301,6 +301,11 @@ def _check_models(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
             if code > settings.get("components", code):
                 allowed = f"allowed are up to its components = {settings['components']}"
                 raise _error(layers, ("models", "shape_descriptor", *key), f"found {code}", allowed)
+    kinds = read_yaml(SCHEMA_FILE)["$defs"]["motion_invariant"]["properties"]["kind"]["enum"]
+    for variant, settings in config["models"]["motion_invariant"]["variants"].items():
+        if "kind" not in settings and variant not in kinds:
+            key = ("models", "motion_invariant", "variants", variant)
+            raise _error(layers, key, "found no kind", f"a variant of a name of its own needs kind: {', '.join(kinds)}")
     for variant, cvae in config["models"]["motion_cvae"]["variants"].items():
         if "heads" in cvae and cvae["width"] % cvae["heads"]:
             key, found = ("models", "motion_cvae", "variants", variant, "heads"), f"found {cvae['heads']}"

@@ -2,62 +2,96 @@
 
 In: the descriptor in use, all variants of the autoencoder and all shards of a garment. Out: the garment's rows of the
 tables ``motion_invariant`` (own reconstruction, transfer to other motions of the same parameters against the simulated
-truth, controls, variance ratio of z) and ``parameter_recovery`` (R^2 from z to each intrinsic parameter).
+truth, controls, variance ratio of z) and ``parameter_recovery`` (R^2 from z to each intrinsic parameter, and how much
+that parameter shapes the garment).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from datasets.sequences import Sequence, to_canonical
 from datasets.shards import MATERIALS
-from datasets.splits import SPLITS, TRAIN, UNSEEN_BOTH, UNSEEN_MOTIONS, UNSEEN_PARAMETERS
-from evaluation.intrinsic import recovery_rows, transfer_rows, variance_row
-from evaluation.table import merge_tables, write_table
-from models.motion_invariant import load_motion_invariant
-from models.shape_descriptor import load_shape_descriptor
-from pipeline.intrinsic_data import intrinsic_frames
-from pipeline.sequence_data import canonical_frames, frame_numbers, job_body, job_sequences
+from datasets.splits import TRAIN, UNSEEN_BOTH, UNSEEN_MOTIONS, UNSEEN_PARAMETERS
+from evaluation.intrinsic import against_controls, transfer_rows, variance_row
+from evaluation.recovery import GROUPS, effects_mm, recovery_rows, with_groups
+from evaluation.table import Row, merge_tables, write_table
+from models.intrinsic_fitting import load_motion_invariant
+from models.motion_invariant import MotionInvariantNetwork
+from models.same_phi import IntrinsicFrames
+from models.shape_descriptor import ShapeDescriptor, load_shape_descriptor
+from pipeline.intrinsic_data import LOGARITHMIC, intrinsic_frames, sequence_codes, varied_parameters
+from pipeline.sequence_data import frame_numbers, job_body, job_sequences
 from pipeline.stage import Job, run_stage
-from sim.parameters import INTRINSIC_PARAMETERS
+
+# z may come from any clip that was simulated with the parameter set: seen clips too, where the motion is unseen.
+SOURCES = {
+    UNSEEN_PARAMETERS: (UNSEEN_PARAMETERS,),
+    UNSEEN_MOTIONS: (TRAIN,),
+    UNSEEN_BOTH: (UNSEEN_PARAMETERS,),
+}
 
 
 def main(job: Job) -> None:
     """Load, evaluate every variant on every held-out split, write."""
-    spec, count = job.spec, len(job.spec["variants"])
+    spec, names = job.spec, list(job.spec["variants"])
     descriptor = load_shape_descriptor(job.inputs[0])
-    networks = [load_motion_invariant(path) for path in job.inputs[1 : 1 + count]]
+    networks = [load_motion_invariant(path) for path in job.inputs[1 : 1 + len(names)]]
     body = job_body(job)
-    sequences = job_sequences(job, job.inputs[1 + count :], plans=(MATERIALS,))
-    vertices = canonical_frames(sequences, body)
-    # All splits at once, so that a clip has the same number in each of them.
-    frames = intrinsic_frames(sequences, descriptor, spec["window"], body)
-    owner = frame_numbers(sequences, (SPLITS.index(s.split) for s in sequences))
-    of_split = {split: np.flatnonzero(owner == number) for number, split in enumerate(SPLITS)}
-    training = frames.at(of_split[TRAIN])
-    # z may come from any clip that was simulated with the parameter set: seen clips too, where the motion is unseen.
-    sources = {
-        UNSEEN_PARAMETERS: (UNSEEN_PARAMETERS,),
-        UNSEEN_MOTIONS: (TRAIN,),
-        UNSEEN_BOTH: (UNSEEN_PARAMETERS,),
+    splits = (TRAIN, *SOURCES)
+    sequences = job_sequences(job, job.inputs[1 + len(names) :], splits, (MATERIALS,))
+    codes = sequence_codes(sequences, descriptor, body)
+    owner = frame_numbers(sequences, (splits.index(s.split) for s in sequences))
+    of_split = {split: np.flatnonzero(owner == number) for number, split in enumerate(splits)}
+    truth = {
+        split: np.concatenate([to_canonical(s.vertices, s.pose, s.root, body) for s in sequences if s.split == split])
+        for split in SOURCES
+        if len(of_split[split])
     }
-    parameters = {s.phi: s.parameters for s in sequences}
-    logarithmic = {p.name for p in INTRINSIC_PARAMETERS if p.logarithmic}
-    transfer, recovery = [], []
-    for network in networks:
-        for split, allowed in sources.items():
-            index = of_split[split]
-            if not len(index):
-                continue
-            pool = frames.at(np.concatenate([of_split[name] for name in allowed]))
-            test = frames.at(index)
-            rows = transfer_rows(descriptor, network, test, vertices[index], training, split, pool, spec["seed"])
+    varied = varied_parameters(sequences)
+    parameters = {s.phi: {name: with_groups(s.parameters)[name] for name in varied} for s in sequences}
+    transfer, recovery, effects = [], [], {}
+    for name, network in zip(names, networks, strict=True):
+        # All splits at once, so that a clip has the same number in each of them.
+        frames = intrinsic_frames(sequences, codes, network.config, varied)
+        training = frames.at(of_split[TRAIN])
+        labels: Row = {"variant": name, "window": network.config.window}
+        for split, vertices in truth.items():
+            test = frames.at(of_split[split])
+            pool = frames.at(np.concatenate([of_split[other] for other in SOURCES[split]]))
+            stride = spec["evaluation"]["frames_stride"]
+            rows = transfer_rows(
+                descriptor, network, test, vertices, training, split, pool, spec["seed"], stride=stride
+            )
             ratio = variance_row(network, test, split)
             ratios = {"variance_ratio": ratio["ratio"], "clip_variance_ratio": ratio["clip_ratio"]}
-            transfer += [row | ratios for row in rows]
-        tests = {split: frames.at(of_split[split]) for split in (UNSEEN_PARAMETERS, UNSEEN_BOTH)}
-        recovery += recovery_rows(network, training, tests, parameters, logarithmic)
-    write_table(job.outputs[0], merge_tables([transfer], garment=spec["garment"]))
+            transfer += [labels | row | ratios for row in rows]
+        tests = {split: frames.at(of_split[split]) for split in (UNSEEN_PARAMETERS, UNSEEN_BOTH) if split in truth}
+        if network.config.variant == "true-parameters":
+            effects = _effects(descriptor, network, training, sequences, varied)
+        elif network.config.variant != "motion-only":
+            recovery += merge_tables([recovery_rows(network, training, tests, parameters, LOGARITHMIC)], **labels)
+    recovery = [row | {"effect_mm": effects.get(row["parameter"])} for row in recovery]
+    write_table(job.outputs[0], merge_tables([against_controls(transfer)], garment=spec["garment"]))
     write_table(job.outputs[1], merge_tables([recovery], garment=spec["garment"]))
+
+
+def _effects(
+    descriptor: ShapeDescriptor,
+    network: MotionInvariantNetwork,
+    frames: IntrinsicFrames,
+    sequences: list[Sequence],
+    varied: tuple[str, ...],
+) -> dict[str, float]:
+    sets = {s.phi: s.parameters for s in sequences if s.split == TRAIN}
+    middle, spreads = {}, {}
+    for name in sequences[0].parameters:
+        values = np.array([p[name] for p in sets.values()])
+        scaled = np.log(values) if name in LOGARITHMIC else values
+        middle[name] = float(np.exp(scaled.mean()) if name in LOGARITHMIC else scaled.mean())
+        if name in varied and name not in GROUPS:
+            spreads[name] = float(scaled.std())
+    return effects_mm(descriptor, network, frames, varied, LOGARITHMIC, middle, spreads)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ Clips and parameter sets are numbered so that asking for more appends: an earlie
 
 Two plans per garment (the papers need both kinds of data):
 
-- ``materials`` (Wang 2019): many sampled parameter sets, each on the same few clips;
+- ``materials`` (Wang 2019): many sampled parameter sets, each on a few clips, as many sets on each;
 - ``motions`` (Shi 2023): the base parameters on every clip.
 """
 
@@ -19,6 +19,10 @@ from typing import Any
 
 from datasets.shards import MATERIALS, MOTIONS
 from datasets.splits import UNSEEN_LABELS, UNSEEN_MOTIONS, UNSEEN_STYLES, SplitRule
+from sim.parameters import ENSEMBLE
+
+GOLDEN = 0.6180339887498949
+"""Multiples of it, without their whole part, fill the unit interval evenly however many there are."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +186,8 @@ def shard_batches(config: Mapping[str, Any], shard: str) -> list[int]:
     plan, number = shard_plan(shard)
     if plan == MOTIONS:
         return [number]
-    return list(range(-(-config["data"]["materials"]["clips"] // config["motions"]["clips_per_batch"])))
+    size = config["motions"]["clips_per_batch"]
+    return sorted({clip.index // size for _, clip in shard_simulations(config, shard)})
 
 
 def shard_simulations(config: Mapping[str, Any], shard: str) -> list[tuple[int, PlannedClip]]:
@@ -192,5 +197,19 @@ def shard_simulations(config: Mapping[str, Any], shard: str) -> list[tuple[int, 
         return [(0, clip) for clip in batch_clips(config["motions"], number)]
     materials = config["data"]["materials"]
     size = materials["samples_per_shard"]
-    clips = plan_clips(config["motions"])[: materials["clips"]]
-    return [(phi, clip) for phi in range(number * size + 1, (number + 1) * size + 1) for clip in clips]
+    sets = range(number * size + 1, (number + 1) * size + 1)
+    return [(phi, clip) for phi in sets for clip in material_clips(config, phi)]
+
+
+def material_clips(config: Mapping[str, Any], phi: int) -> list[PlannedClip]:
+    """The clips that a parameter set is simulated on; none of a label that is held out whole.
+
+    With ``own_clips`` every sixteen sets, which are simulated together, have a run of consecutive clips of their own;
+    its start is spread over all clips by the golden ratio, so that more sets or more clips a set change no earlier one.
+    Otherwise the first clips, the same for all sets (Wang 2019).
+    """
+    materials, rule = config["data"]["materials"], SplitRule(**config["data"]["splits"])
+    clips = [clip for clip in plan_clips(config["motions"]) if not rule.holds_out_label(clip.label)]
+    block = (phi - 1) // ENSEMBLE
+    start = int(block * GOLDEN % 1.0 * len(clips)) if materials["own_clips"] else 0
+    return [clips[(start + i) % len(clips)] for i in range(min(materials["clips"], len(clips)))]

@@ -152,7 +152,7 @@ def train_spec(config: Config, model: str, garment: str = "", variant: str = "")
     else:
         spec |= _labels(config, learning_clips(config["motions"]))
     if model == "motion_invariant":
-        spec["window"] = settings["window"]
+        spec["window"] = settings["variants"][variant].get("window", settings["window"])
     return canonical(spec)
 
 
@@ -184,8 +184,6 @@ def evaluate_spec(config: Config, garment: str = "", model: str = "") -> str:
         return canonical(spec | {name: config["motions"][name] for name in ("frames", "fps")})
     settings = config["models"][model]
     spec |= {"garment": garment, "use": settings["use"], "variants": list(settings["variants"])}
-    if model == "motion_invariant":
-        spec["window"] = settings["window"]
     if model == "garment_regressor":
         spec["tested_clips"] = [clip.name for clip in tested_clips(config)]
     return canonical(spec)

@@ -19,9 +19,9 @@ from evaluation.table import write_table
 from garments.template import GarmentTemplate
 from geometry.rotations import axis_angle_to_6d
 from models.garment_fitting import load_regressor
+from models.intrinsic_fitting import decode_frames, load_motion_invariant
 from models.motion_features import MotionTrack
 from models.motion_fitting import load_motion_cvae
-from models.motion_invariant import decode_frames, load_motion_invariant
 from models.refinement import RefinementSettings, Refiner
 from models.shape_descriptor import decode_all, load_shape_descriptor
 from motions.clip import Clip

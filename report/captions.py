@@ -137,10 +137,22 @@ CAPTIONS: dict[str, Caption] = {
         "Lower is better. Reconstruction decodes a frame's own latent z with its own motion. Transfer decodes the z of "
         "one clip, or of one frame of it, with the motion of another clip under the same parameters, and is held "
         "against the simulation of that motion. In italics what it has to beat: the z of wrong parameters, one mean z "
-        "for all, the mean shape; and the floor, what the shape descriptor alone loses.",
+        "for all, the mean shape; and the floor, what the shape descriptor alone loses. Two variants are controls with "
+        "the decoder of ours: motion-only has no z, true-parameters is given the parameters that z stands for.",
         "Wang 2019, Figures 10 and 11.",
         _made("evaluate_motion_invariant", "evaluation/intrinsic.py", "motion_invariant"),
         "Named in each group; parameter sets and takes are disjoint.",
+    ),
+    "transfer_gain": Caption(
+        "Share of the gain of the true parameters by variant",
+        "How much of what the true parameters gain over motion alone a transferred z gains: 1 as much, 0 none, below 0 "
+        "worse than no z.",
+        made=_made("evaluate_motion_invariant", "evaluation/intrinsic.py", "motion_invariant"),
+    ),
+    "transfer_over_true": Caption(
+        "Transfer error over that with the true parameters by variant",
+        "The decoder of ours, given the true parameters, is the measure.",
+        made=_made("evaluate_motion_invariant", "evaluation/intrinsic.py", "motion_invariant"),
     ),
     "latent_variance": Caption(
         "Variance of the latent by variant",
@@ -153,7 +165,9 @@ CAPTIONS: dict[str, Caption] = {
     "parameter_recovery": Caption(
         "What the latent knows of the parameters: R² by variant",
         "R² of a ridge regression from the latent to each parameter (its logarithm where it is drawn so): 1 is "
-        "recovered, 0 no better than the mean, below 0 worse.",
+        "recovered, 0 no better than the mean, below 0 worse. A shape tells the ratios by which the motion of cloth "
+        "depends on the parameters (bending over weight, drag over inertia) better than the parameters themselves, so "
+        "both stand here. The full table has how far the garment moves with a parameter, one deviation of it.",
         "Wang 2019 shows it by pictures; no published figure.",
         _made("evaluate_motion_invariant", "evaluation/intrinsic.py", "parameter_recovery"),
         "Parameter sets that were not trained on.",

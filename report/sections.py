@@ -21,7 +21,8 @@ from sim.fabrics import base_values
 from sim.parameters import INTRINSIC_PARAMETERS
 
 HARDEST = ("unseen_both", "unseen_motions", "unseen_parameters", "unseen_styles", "unseen_labels")
-TRANSFER_CONTROLS = "^descriptor floor|^wrong phi|^motion only|^mean shape"
+TRANSFER_CONTROLS = "^descriptor floor|^wrong phi|^mean z|^mean shape"
+CONTROL_VARIANTS = "^motion-only$|^true-parameters$"
 """Lines of the transfer table that are there to compare with."""
 
 
@@ -131,21 +132,25 @@ class Sections:
         transfers = [r for r in rows if r.get("quantity") and r.get("rmse_mm") is not None]
         blocks: list[Block | None] = []
         if transfers:
-            view = wide_view(transfers, "quantity", "variant", "rmse_mm", TRANSFER_CONTROLS, "^motion-only$")
+            view = wide_view(transfers, "quantity", "variant", "rmse_mm", TRANSFER_CONTROLS, CONTROL_VARIANTS)
             blocks.append(Block("table", CAPTIONS["motion_invariant"], view, table_view(rows, mark=False)))
         else:
-            blocks += self._table("motion_invariant", controls="^motion-only$")
+            blocks += self._table("motion_invariant", controls=CONTROL_VARIANTS)
+        for name, column in (("transfer_gain", "gain_share"), ("transfer_over_true", "over_true_parameters")):
+            if any(is_number(r.get(column)) for r in rows):
+                view = wide_view(rows, "quantity", "variant", column, control_columns=CONTROL_VARIANTS)
+                blocks.append(Block("table", CAPTIONS[name], view))
         ratios = _once([r for r in rows if is_number(r.get("variance_ratio"))], "garment", "split", "variant")
         if ratios:
             view = wide_view(
-                ratios, "garment", "variant", "variance_ratio", control_columns="^motion-only$", keys=("split",)
+                ratios, "garment", "variant", "variance_ratio", control_columns=CONTROL_VARIANTS, keys=("split",)
             )
             blocks.append(Block("table", CAPTIONS["latent_variance"], view))
         if any(r.get("r_squared") is not None for r in recovery):
             shown = _some_split(recovery)
             caption = replace(CAPTIONS["recovery_bars"], split=_as_sentence(shown[0].get("split")))
             blocks.append(Block("chart", caption, svg=plots.recovery_bars(shown, "r_squared")))
-            view = wide_view(recovery, "parameter", "variant", "r_squared", control_columns="^motion-only$")
+            view = wide_view(recovery, "parameter", "variant", "r_squared", control_columns=CONTROL_VARIANTS)
             blocks.append(Block("table", CAPTIONS["parameter_recovery"], view, table_view(recovery, mark=False)))
         else:
             blocks += self._table("parameter_recovery")

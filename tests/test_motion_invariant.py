@@ -6,19 +6,23 @@ import numpy as np
 import pytest
 import torch
 
-from evaluation.intrinsic import recovery_rows, sequences_of, transfer_rows, variance_ratio, variance_row
-from models.motion_invariant import (
-    VARIANTS,
-    MotionInvariantConfig,
-    MotionInvariantNetwork,
-    UBlock,
+from evaluation.intrinsic import against_controls, sequences_of, transfer_rows, variance_ratio, variance_row
+from evaluation.recovery import effects_mm, recovery_rows, with_groups
+from models.intrinsic_fitting import (
+    build_motion_invariant,
     decode_frames,
+    embedding_loss,
     encode_frames,
     fit_motion_invariant,
+    frame_evidence,
     load_motion_invariant,
     motion_invariant_loss,
+    pooled,
     save_motion_invariant,
 )
+from models.motion_features import MotionTrack
+from models.motion_history import MotionHistory
+from models.motion_invariant import VARIANTS, MotionInvariantConfig, UBlock
 from models.same_phi import IntrinsicFrames, SamePhiBatches
 from models.shape_descriptor import ResidualPcaDescriptor, ShapeDescriptorConfig
 from models.training import TrainingSettings
@@ -31,7 +35,7 @@ def material_frames(phis: range) -> tuple[IntrinsicFrames, dict[int, dict[str, f
     """Descriptors that are a material times one function of the motion plus another function of it."""
     rng = np.random.default_rng(0)
     mix, plain = rng.normal(size=(6, 6)), rng.normal(size=(6, 6))
-    rows: dict[str, list] = {"descriptors": [], "signatures": [], "phi": [], "clip": []}
+    rows: dict[str, list] = {"descriptors": [], "signatures": [], "phi": [], "clip": [], "parameters": []}
     parameters = {}
     for phi in phis:
         stiffness = float(np.exp(np.random.default_rng(100 + phi).uniform(-1.5, 1.5)))
@@ -42,8 +46,9 @@ def material_frames(phis: range) -> tuple[IntrinsicFrames, dict[int, dict[str, f
             rows["signatures"].append(motion)
             rows["phi"].append(np.full(FRAMES, phi))
             rows["clip"].append(np.full(FRAMES, clip))
+            rows["parameters"].append(np.full((FRAMES, 1), np.log(stiffness)))
     joined = {name: np.concatenate(values) for name, values in rows.items()}
-    for name in ("descriptors", "signatures"):
+    for name in ("descriptors", "signatures", "parameters"):
         joined[name] = joined[name].astype(np.float32)
     return IntrinsicFrames(**joined), parameters
 
@@ -86,27 +91,65 @@ def test_every_batch_has_one_phi_and_every_frame_comes_once():
     assert not all(np.array_equal(a, b) for a, b in zip(seen, other, strict=True))
 
 
-def test_training_gets_batches_of_one_phi(tmp_path, monkeypatch):
-    """What reaches the loss in training, not only what the sampler gives."""
+def test_halves_of_a_batch_share_no_clip():
+    rng = np.random.default_rng(0)
+    clip = rng.integers(0, 5, 40)
+    sampler = SamePhiBatches(np.zeros(40), clip, 40)
+    half = sampler.halves(np.arange(40), rng)
+    assert set(clip[half == 0]).isdisjoint(clip[half == 1]) and set(half) == {0, 1}
+    alone = SamePhiBatches(np.zeros(8), np.zeros(8), 8)
+    assert sorted(alone.halves(np.arange(8), rng)) == [0] * 4 + [1] * 4
+
+
+@pytest.mark.parametrize(("variant", "together"), [("paper", 1), ("pooled", 3), ("concatenate", 2)])
+def test_training_gets_batches_of_one_phi(variant, together, tmp_path, monkeypatch):
+    """What reaches the loss in training, not only what the sampler gives; every frame comes once an epoch."""
     frames, _ = material_frames(range(3))
     owner = {row.tobytes(): phi for row, phi in zip(frames.descriptors, frames.phi, strict=True)}
-    counts = []
+    counts, seen = [], 0
 
-    def watched(module, descriptor, signature, partners):
-        counts.append(len({owner[row.numpy().tobytes()] for row in descriptor}))
-        return motion_invariant_loss(module, descriptor, signature, partners)
+    def watched(module, step):
+        nonlocal seen
+        phis = np.array([owner[row.numpy().tobytes()] for row in step.descriptor])
+        groups = step.group.numpy()
+        for group in np.unique(groups):
+            counts.append(len(set(phis[groups == group])))
+        assert (phis == phis[step.partners.numpy()]).all() and (groups == groups[step.partners.numpy()]).all()
+        seen += len(phis)
+        return motion_invariant_loss(module, step)
 
-    monkeypatch.setattr("models.motion_invariant.motion_invariant_loss", watched)
+    monkeypatch.setattr("models.intrinsic_fitting.motion_invariant_loss", watched)
     settings = TrainingSettings(epochs=1, device="cpu")
-    fit_motion_invariant(frames, MotionInvariantConfig(**SMALL), settings, tmp_path)
-    assert counts == [1] * 6
+    config = MotionInvariantConfig(variant=variant, batches_a_step=together, **SMALL)
+    fit_motion_invariant(frames, config, settings, tmp_path)
+    assert counts == [1] * 6 and seen == len(frames.phi)
 
 
 def test_lonely_frame_is_refused():
     with pytest.raises(ValueError, match="phi 4 has one frame only"):
         SamePhiBatches(np.array([1, 1, 4]), np.zeros(3), 8)
     with pytest.raises(ValueError, match="2 descriptors, but 3 phi"):
-        IntrinsicFrames(np.zeros((2, 3)), np.zeros((2, 4)), np.zeros(3), np.zeros(2))
+        IntrinsicFrames(np.zeros((2, 3)), np.zeros((2, 4)), np.zeros(3), np.zeros(2), np.zeros((2, 0)))
+
+
+def test_histories_are_those_of_their_own_track():
+    rng = np.random.default_rng(0)
+    tracks = [
+        MotionTrack(rng.normal(size=(n, 24, 3)), rng.normal(size=(n, 24, 3)), lead, 30.0)
+        for n, lead in ((9, 4), (7, 2))
+    ]
+    history = MotionHistory(tracks, "joints", 3)
+    assert history.shape == (10, 4 * 72) == (len(history), history[:].shape[1])
+    rotation, position = tracks[1].pelvis_frames()
+    for frame, row in ((2, 5), (6, 9)):  # the first and the last wanted frame of the second track
+        past = tracks[1].joints[np.maximum(frame - np.arange(4), 0)]
+        expected = (past - position[frame]) @ rotation[frame]
+        assert np.allclose(history[np.array([row])].reshape(4, 24, 3), expected, atol=1e-5)
+    assert np.array_equal(history.take(np.array([9, 5]), axis=0)[:1], history[[9]])
+    features = MotionHistory(tracks, "features", 4)
+    assert features.shape == (10, 4 * 78)  # 0, 1, 2, 3 frames back, and not yet 5
+    with pytest.raises(ValueError, match="not one of joints, features"):
+        MotionHistory(tracks, "pose", 3)
 
 
 def test_u_block_equals_its_definition():
@@ -131,28 +174,64 @@ def test_u_blocks_keep_the_size_of_their_input():
 
 
 def test_blending_weights_sum_to_one():
-    network = MotionInvariantNetwork(MotionInvariantConfig(**SMALL), 6, 6).eval()
-    blend = network.blend(torch.randn(9, 6) * 100)
+    network = build_motion_invariant(MotionInvariantConfig(**SMALL), 6, 6, 1).eval()
+    blend = network.context(torch.randn(9, 6) * 100)[0]
     assert blend.shape == (9, 5)
     assert (blend >= 0).all()
     assert torch.allclose(blend.sum(1), torch.ones(9), atol=1e-6)
     with pytest.raises(ValueError, match=r"expected shape \[B, 6\], got \[9, 7\]"):
-        network.blend(torch.zeros(9, 7))
+        network.context(torch.zeros(9, 7))
 
 
-def test_loss_terms_have_the_papers_weights():
+def test_loss_terms_have_the_papers_weights(tmp_path, monkeypatch):
     torch.manual_seed(0)
     frames, _ = material_frames(range(1))
-    network = MotionInvariantNetwork(MotionInvariantConfig(**SMALL), 6, 6).eval()
-    rows = torch.from_numpy(frames.descriptors), torch.from_numpy(frames.signatures)
-    latent, rebuilt = network(*rows)
-    variance = latent.detach().numpy().var(axis=0).mean()
-    own = np.sqrt(((rebuilt.detach().numpy() - frames.descriptors) ** 2).mean(1)).mean()
+    steps = []
+    monkeypatch.setattr(
+        "models.intrinsic_fitting.motion_invariant_loss",
+        lambda module, step: steps.append(step) or motion_invariant_loss(module, step),
+    )
+    sizes = SMALL | {"batch": 100}
+    fit_motion_invariant(frames, MotionInvariantConfig(**sizes), TrainingSettings(epochs=1, device="cpu"), tmp_path)
+    network, step = build_motion_invariant(MotionInvariantConfig(**sizes), 6, 6, 1).eval(), steps[0]
+    latent = encode_frames(network, frames)
+    rebuilt = decode_frames(network, latent, frames.signatures)
+    variance = latent.var(axis=0).mean()
+    own = np.sqrt(((rebuilt - frames.descriptors) ** 2).mean(1)).mean()
     with torch.no_grad():
-        terms = motion_invariant_loss(network, *rows, torch.arange(len(frames.phi)))
-    assert "cross" not in terms
+        terms = motion_invariant_loss(network, step)
+    assert set(terms) == {"total", "variance", "own"}
     assert float(terms["variance"]) == pytest.approx(variance, rel=1e-4)
     assert float(terms["total"]) == pytest.approx(variance + 0.1 * own, rel=1e-4)
+
+
+def test_embedding_loss_is_zero_where_distances_agree():
+    network = build_motion_invariant(MotionInvariantConfig(**SMALL | {"variant": "embedding", "latent": 2}), 2, 6, 2)
+    network.encode = lambda descriptor, context, parameters: descriptor
+    values = torch.rand(20, 2)
+    turned = values @ torch.tensor([[0.6, -0.8], [0.8, 0.6]])
+    assert float(embedding_loss(network, turned, torch.zeros(20, 6), values)["total"]) < 1e-9
+    assert float(embedding_loss(network, 2 * turned, torch.zeros(20, 6), values)["total"]) > 0.01
+
+
+def test_embedding_fixes_the_encoder_before_the_decoder_is_trained(tmp_path):
+    network, _ = fitted("embedding", tmp_path, 4)
+    encoder = torch.load(tmp_path / "encoder" / "checkpoint.pt", weights_only=True)["module"]
+    now = network.state_dict()
+    same = {name for name in now if torch.equal(now[name], encoder[name])}
+    assert {
+        n for n in now if n.startswith(("encoder", "motion_encoder")) and "batches" not in n and "running" not in n
+    } <= same
+    assert not {n for n in now if n.startswith("decoder") and n.endswith("weight")} & same
+
+
+def test_evidence_of_frames_adds_up_beside_the_prior():
+    network = build_motion_invariant(MotionInvariantConfig(**SMALL | {"variant": "pooled"}), 6, 6, 1)
+    value, weight = np.array([[2.0], [4.0]]), np.array([[1.0], [3.0]])
+    assert pooled(network, value, weight) == pytest.approx(14.0 / 5.0)
+    assert pooled(network, value, 0 * weight) == pytest.approx(0.0)  # who knows nothing says the mean material
+    paper = build_motion_invariant(MotionInvariantConfig(**SMALL), 6, 6, 1)
+    assert pooled(paper, value, np.ones((2, 1))) == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -161,28 +240,29 @@ def test_same_seed_same_network_and_file_round_trip(variant, tmp_path):
     second, _ = fitted(variant, tmp_path / "b", 1)
     save_motion_invariant(tmp_path / "model.pt", first)
     loaded = load_motion_invariant(tmp_path / "model.pt")
-    latents = encode_frames(first, frames.descriptors, frames.signatures)
+    latents = encode_frames(first, frames)
     for other in (second, loaded):
-        assert np.array_equal(latents, encode_frames(other, frames.descriptors, frames.signatures))
+        assert np.array_equal(latents, encode_frames(other, frames))
     rebuilt = decode_frames(first, latents[0], frames.signatures)
     assert np.array_equal(rebuilt, decode_frames(loaded, latents[0], frames.signatures))
     assert rebuilt.shape == frames.descriptors.shape
 
 
-@pytest.mark.parametrize("variant", ["paper", "cross", "concatenate"])
+@pytest.mark.parametrize("variant", ["paper", "concatenate"])
 def test_network_overfits_a_batch(variant, tmp_path):
     frames, _ = material_frames(range(1))
     settings = TrainingSettings(epochs=400, learning_rate=5e-3, schedule="cosine", device="cpu")
-    sizes = SMALL | {"batch": 48, "motion_batch_norm": False, "subnetworks": 12}
+    sizes = SMALL | {"batch": 48, "motion_batch_norm": False, "motion_dropout": 0.0, "subnetworks": 12}
     network = fit_motion_invariant(frames, MotionInvariantConfig(variant=variant, **sizes), settings, tmp_path)
-    latents = encode_frames(network, frames.descriptors, frames.signatures)
+    latents = encode_frames(network, frames)
     rebuilt = decode_frames(network, latents, frames.signatures)
     assert np.std(rebuilt - frames.descriptors) < 0.3 * np.std(frames.descriptors)
 
 
-def test_cross_variant_separates_material_from_motion(tmp_path):
+@pytest.mark.parametrize("variant", ["cross", "pooled"])
+def test_z_separates_material_from_motion(variant, tmp_path):
     """On unseen materials z transfers, a wrong z and no z do not, and the material can be read from it."""
-    network, training = fitted("cross", tmp_path, 60)
+    network, training = fitted(variant, tmp_path, 40)
     tests, test_parameters = material_frames(range(50, 58))
     descriptor = identity_descriptor()
     with torch.no_grad():
@@ -190,7 +270,7 @@ def test_cross_variant_separates_material_from_motion(tmp_path):
     rows = transfer_rows(descriptor, network, tests, vertices, training, "unseen_parameters")
     error = {row["quantity"]: row["rmse_mm"] for row in rows}
     assert error["descriptor floor"] < 1.0
-    assert error["transfer, z of a clip"] < 0.6 * error["motion only, mean z"]
+    assert error["transfer, z of a clip"] < 0.6 * error["mean z"]
     assert error["transfer, z of a clip"] < 0.6 * error["wrong phi, z of a clip"]
     assert all(row["sequences"] == 8 * CLIPS for row in rows)
     assert variance_row(network, tests, "unseen_parameters")["ratio"] < 0.5
@@ -210,10 +290,52 @@ def test_variance_ratio_by_hand():
 def test_transfer_without_a_second_clip_is_refused(tmp_path):
     network, training = fitted("cross", tmp_path, 1)
     only = sequences_of(training)[(3, 1)]
-    alone = IntrinsicFrames(*(getattr(training, n)[only] for n in ("descriptors", "signatures", "phi", "clip")))
+    alone = IntrinsicFrames(
+        *(getattr(training, n)[only] for n in ("descriptors", "signatures", "phi", "clip", "parameters"))
+    )
     with pytest.raises(ValueError, match="nothing to transfer"):
         transfer_rows(identity_descriptor(), network, alone, np.zeros((FRAMES, 4, 3)), training, "x")
     rows = transfer_rows(
         identity_descriptor(), network, alone, np.zeros((FRAMES, 4, 3)), training, "x", sources=training
     )
     assert {row["sequences"] for row in rows} == {1}
+
+
+def test_true_parameters_reach_the_decoder_and_no_shape_does(tmp_path):
+    """The control's z is a function of the parameters; the effect of the one that matters is found."""
+    network, training = fitted("true-parameters", tmp_path, 20)
+    values, _ = frame_evidence(network, training)
+    for phi in range(12):
+        assert np.ptp(values[training.phi == phi], axis=0).max() < 1e-5
+    assert np.ptp(values, axis=0).max() > 0.1
+    found = effects_mm(
+        identity_descriptor(), network, training, ("stiffness",), {"stiffness"}, {"stiffness": 1.0}, {"stiffness": 1.0}
+    )
+    assert (
+        found["stiffness"] > 300.0
+    )  # mm: a deviation of log stiffness moves six of twelve coordinates by about a metre
+
+
+def test_motion_only_has_no_latent(tmp_path):
+    network, training = fitted("motion-only", tmp_path, 1)
+    assert not encode_frames(network, training).any()
+    first = decode_frames(network, np.ones(4, np.float32), training.signatures)
+    assert np.array_equal(first, decode_frames(network, np.zeros(4, np.float32), training.signatures))
+
+
+def test_groups_are_what_equal_motions_have_in_common():
+    base = {"bend": 1e-5, "stretch": 500.0, "density": 0.2, "gravity": 9.81, "air_drag": 0.8, "time_scale": 1.0}
+    heavy = base | {n: 2 * base[n] for n in ("bend", "stretch", "density", "air_drag")}
+    first, second = with_groups(base), with_groups(heavy)
+    groups = set(first) - set(base)
+    assert len(groups) == 4 and all(first[g] == pytest.approx(second[g]) for g in groups)
+    assert set(with_groups({"density": 0.2, "air_drag": 0.0})) == {"density", "air_drag"}
+
+
+def test_transfers_stand_beside_their_controls():
+    errors = {"motion-only": 10.0, "true-parameters": 5.0, "pooled": 6.0}
+    rows = [{"variant": v, "split": "a", "quantity": "transfer, z of a clip", "rmse_mm": e} for v, e in errors.items()]
+    found = against_controls([*rows, {"variant": "pooled", "split": "a", "quantity": "mean shape", "rmse_mm": 20.0}])
+    assert found[2]["over_true_parameters"] == pytest.approx(1.2) and found[2]["gain_share"] == pytest.approx(0.8)
+    assert found[0]["gain_share"] == 0.0 and "gain_share" not in found[3]
+    assert "gain_share" not in against_controls(rows[2:])[0]

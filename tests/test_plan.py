@@ -76,17 +76,38 @@ def test_clips_that_are_not_simulated_come_in_batches_of_their_own_and_change_no
 
 
 def test_shards_hold_every_simulation_once(config):
-    config["data"]["materials"] |= {"samples": 8, "samples_per_shard": 2, "clips": 5}
+    config["data"]["materials"] |= {"samples": 8, "samples_per_shard": 2, "clips": 5, "own_clips": False}
     config["motions"]["clips_per_batch"] = 4
     pairs = [(phi, clip.name) for shard in shard_names(config) for phi, clip in shard_simulations(config, shard)]
     clips = [clip.name for clip in plan_clips(config["motions"])]
     assert len(pairs) == len(set(pairs))
-    assert set(pairs) == {(0, c) for c in clips} | {(phi, c) for phi in range(1, 9) for c in clips[:5]}
+    held_out = {*config["data"]["splits"]["styles"], *config["data"]["splits"]["labels"]}
+    first = [clip.name for clip in plan_clips(config["motions"]) if clip.label not in held_out][:5]
+    assert set(pairs) == {(0, c) for c in clips} | {(phi, c) for phi in range(1, 9) for c in first}
     # A shard is given exactly the motion files that hold its clips.
     for shard in shard_names(config):
         needed = {clip.name for _, clip in shard_simulations(config, shard)}
         given = {c.name for batch in shard_batches(config, shard) for c in batch_clips(config["motions"], batch)}
         assert needed <= given
+
+
+def test_sixteen_parameter_sets_have_clips_of_their_own(config):
+    config = load_config([CONFIGS / "default.yaml"])
+    config["data"]["materials"] |= {"samples": 80, "samples_per_shard": 16, "clips": 10, "own_clips": True}
+    held_out = {*config["data"]["splits"]["styles"], *config["data"]["splits"]["labels"]}
+    used = {}
+    for shard in shard_names(config)[:5]:
+        pairs = [(phi, clip.name) for phi, clip in shard_simulations(config, shard)]
+        assert len(set(pairs)) == len(pairs) == 160
+        used[shard] = {name for _, name in pairs}
+        assert len(used[shard]) == 10, "sets that are simulated together share their clips"
+        assert not {clip.label for _, clip in shard_simulations(config, shard)} & held_out
+        given = {c.name for batch in shard_batches(config, shard) for c in batch_clips(config["motions"], batch)}
+        assert used[shard] <= given
+    assert len(set.union(*used.values())) == 50
+    config["data"]["materials"] |= {"samples": 96, "clips": 12}
+    for shard, names in used.items():  # more sets and more clips append
+        assert names < {clip.name for _, clip in shard_simulations(config, shard)}
 
 
 def test_specs_hold_what_determines_a_job_and_nothing_else(config):

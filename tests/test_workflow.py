@@ -84,7 +84,7 @@ def test_a_material_range_makes_again_only_what_hangs_on_it(smoke):
     mine = overlay(smoke, "garments: {skirt: {ranges: {density: {max: 0.30}}}}")
     planned = smoke.planned_outputs(CONFIG, mine)
     assert "shards/skirt/materials_0000.h5" in planned
-    assert "models/skirt/motion_invariant/cross.pt" in planned
+    assert "models/skirt/motion_invariant/pooled.pt" in planned
     assert "report.html" in planned
     # The base material is what it was, and so are the motions, the other garment and both templates.
     assert "shards/skirt/motions_0000.h5" not in planned
