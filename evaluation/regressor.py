@@ -42,11 +42,13 @@ class RegressorEvaluation:
 
     Attributes:
         frames_stride: Every how many frames the costly figures are taken.
+        detailed: Sequences of a split, evenly spread, of which more than the errors is computed; 0 = all.
         refinement: Weights of the refinement.
         sted: Parameters of STED; they stand in every row.
     """
 
     frames_stride: int = 4
+    detailed: int = 0
     refinement: RefinementSettings = field(default_factory=RefinementSettings)
     sted: StedParameters = field(default_factory=StedParameters)
 
@@ -81,7 +83,8 @@ def regressor_rows(
     collected: dict[tuple[str, str], list[dict[str, float]]] = {
         (split, method): [] for split in dict.fromkeys(s.split for s in sequences) for method in predictors
     }
-    for sequence in sequences:
+    whole = _detailed(sequences, figures.settings.detailed)
+    for number, sequence in enumerate(sequences):
         if sequence.garment != template.name:
             raise ValueError(f"evaluation of garment '{template.name}': got a sequence of '{sequence.garment}'")
         body_vertices = body.posed(sequence.pose, sequence.root)
@@ -90,7 +93,9 @@ def regressor_rows(
             if predicted is not None:
                 predicted = np.asarray(predicted, dtype=np.float32)
                 _check(predicted, sequence, method)
-                found = figures.of(predicted, sequence.vertices, body_vertices)
+                found = figures.errors(predicted, sequence.vertices)
+                if number in whole:
+                    found |= figures.of(predicted, sequence.vertices, body_vertices)
                 if method in refined:
                     found |= figures.refined(predicted, sequence.vertices, body_vertices)
                 collected[sequence.split, method].append(found)
@@ -110,19 +115,25 @@ class _Figures:
         self.refiner = Refiner(template.topology, body.faces, len(body.vertices), settings.refinement)
         self.laplacian = template.topology.uniform_laplacian()
 
+    def errors(self, predicted: np.ndarray, truth: np.ndarray) -> dict[str, float]:
+        """What is cheap: errors of one predicted sequence [mm]."""
+        return {
+            "frames": len(truth),
+            "rmse_mm": 1e3 * rmse(predicted, truth),
+            "mean_vertex_mm": 1e3 * mean_vertex_error(predicted, truth),
+            "kg_error_percent": kg_error(predicted, truth),
+        }
+
     def of(self, predicted: np.ndarray, truth: np.ndarray, body_vertices: np.ndarray) -> dict[str, float]:
         """Figures of one predicted sequence, lengths in millimetres and shares in percent."""
         topology, stride = self.template.topology, self.settings.frames_stride
         sted = self.sted.compare(predicted, truth)
         plain = {
-            "frames": len(truth),
-            "rmse_mm": 1e3 * rmse(predicted, truth),
-            "mean_vertex_mm": 1e3 * mean_vertex_error(predicted, truth),
+            "detailed_sequences": 1,
             "hausdorff_mm": 1e3 * hausdorff(predicted, truth, stride),
             "sted": sted.sted,
             "sted_spatial": sted.spatial,
             "sted_temporal": sted.temporal,
-            "kg_error_percent": kg_error(predicted, truth),
             "normal_cosine": normal_cosine_distance(predicted, truth, topology.faces),
             "edge_mm": 1e3 * edge_deviation(predicted, self.template.vertices, topology.edges),
             "bend": bend(predicted, topology),
@@ -142,15 +153,25 @@ class _Figures:
     def row(self, garment: str, split: str, method: str, values: list[dict[str, float]]) -> Row:
         """One table row: means over sequences, maxima of the deepest penetrations and moves."""
         row: Row = {"garment": garment, "split": split, "method": method, "sequences": len(values)}
-        for name in values[0]:
-            column = [v[name] for v in values]
-            if name == "frames":
+        for name in dict.fromkeys(name for value in values for name in value):
+            column = [v[name] for v in values if name in v]
+            if name in ("frames", "detailed_sequences"):
                 row[name] = int(sum(column))
             elif "deepest" in name or "largest" in name:
                 row[name] = float(max(column))
             else:
                 row[name] = float(np.mean(column))
         return row | {"sted_parameters": self.sted.parameters.label, "frames_stride": self.settings.frames_stride}
+
+
+def _detailed(sequences: Many[Sequence], most: int) -> set[int]:
+    """Numbers of the sequences of which everything is computed, the same for every method."""
+    chosen: set[int] = set()
+    for split in dict.fromkeys(s.split for s in sequences):
+        members = [number for number, s in enumerate(sequences) if s.split == split]
+        count = min(most or len(members), len(members))
+        chosen |= {members[k * len(members) // count] for k in range(count)}
+    return chosen
 
 
 def _check(predicted: np.ndarray, sequence: Sequence, method: str) -> None:

@@ -184,8 +184,10 @@ class Refiner:
             inside[:] = False
             inside[ask] = safe[ask] < 0.0
         # Where the body runs through itself the nearest surface can change, and its side with it, although the vertex
-        # crossed none: whatever moved near the body is asked once more.
-        ask = np.nonzero((safe < horizon - TOUCH) & (np.linalg.norm(current - checked, axis=1) > 0.0))[0]
+        # crossed none, at any distance: whatever moved is asked once more, and what hardly did goes back.
+        hardly = np.linalg.norm(current - start, axis=1) < TOUCH
+        current = np.where(hardly[:, None], start, current)
+        ask = np.nonzero((np.linalg.norm(current - checked, axis=1) > 0.0) & ~(hardly & ~constrained))[0]
         if len(ask):
             hits = body.query(current[ask])
             surface[ask], normal[ask], inside[ask] = hits.point, hits.normal, hits.distance < TOUCH

@@ -26,6 +26,9 @@ from pipeline.stage import Job, run_stage
 BLIND = ("mean shape", "ridge, pose history")
 """Baselines without a memory of the garment, which stand beside the networks in the drift table."""
 
+DETAILED = 4
+"""Sequences of a split of which more than the errors is computed."""
+
 TESTS = 2
 """Shards of simulations that are tested on alone."""
 
@@ -63,7 +66,9 @@ def main(job: Job) -> None:
     test.sort(key=lambda s: order.index(s.split))
     progress = Progress(f"evaluate regressors {spec['garment']}", len(test) * len(predictors), "sequences")
     settings = RegressorEvaluation(
-        frames_stride=evaluation["frames_stride"], refinement=RefinementSettings(**spec["refinement"])
+        frames_stride=evaluation["frames_stride"],
+        detailed=DETAILED,
+        refinement=RefinementSettings(**spec["refinement"]),
     )
     rows = regressor_rows(test, predictors, body, template, settings, progress, refined=(tuned,))
     progress.finish()

@@ -210,6 +210,9 @@ def test_regressor_rows() -> None:
     assert "refined_rmse_mm" not in truth
     assert truth["sted_parameters"] == "d=1 w=5 dt=0.01 c=1" and truth["frames_stride"] == 5
 
+    few = regressor_rows(sequences, predictors, body(), template(), RegressorEvaluation(frames_stride=5, detailed=1))
+    assert few[1]["rmse_mm"] == shifted["rmse_mm"] and (few[1]["sequences"], few[1]["detailed_sequences"]) == (2, 1)
+
     with pytest.raises(ValueError, match="method 'short' on clip clip1: expected vertices"):
         regressor_rows(sequences, {"short": lambda s: s.vertices[:3]}, body(), template())
     with pytest.raises(ValueError, match="not finite"):
