@@ -22,7 +22,7 @@ READABLE = ("split", "plan", "stage", "parameter")
 
 # These see the truth, or are it: to be read beside a method, never to be better than one.
 _REFERENCES = re.compile(
-    r"^simulation$|of the truth|\(floor\)|\(reference\)|^real\b|published|not in this run", re.IGNORECASE
+    r"^simulation$|of the truth|floor\)|\(reference\)|^real\b|published|not in this run", re.IGNORECASE
 )
 
 

@@ -19,7 +19,7 @@ from report.page import build_page
 from report.readme_picture import LARGEST, make_picture
 from report.run_files import RunFiles
 from report.sheets import write_animation, write_image
-from report.tables import TableView, table_view
+from report.tables import TableView, is_reference, table_view
 from report.wide import wide_view
 
 CONFIG = {
@@ -308,3 +308,8 @@ def test_the_picture_of_the_readme(run: Path, tmp_path: Path) -> None:
     assert path.name == "picture.webp" and 0 < path.stat().st_size < LARGEST
     with pytest.raises(ValueError, match="no animation"):
         make_picture(tmp_path, tmp_path)
+
+
+@pytest.mark.parametrize("method", ["simulation", "simulated again (chaos floor)", "PCA-200 of the truth (floor)"])
+def test_what_sees_the_truth_is_no_rival(method):
+    assert is_reference({"method": method}) and not is_reference({"method": "regressor, window"})
