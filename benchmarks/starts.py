@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.measure import children_seconds
-from benchmarks.own import NOT_THERE, OwnJob, write_job
+from benchmarks.own import OwnJob, write_job
 
 ROOT = Path(__file__).parent.parent
 LARGE = 12_540
@@ -44,7 +44,7 @@ def run_own(job: OwnJob, folder: Path, cache: Path | None = None) -> dict:
         the wall] and ``cpu_s`` [s of the processor].
 
     Raises:
-        RowFailed: The simulator lacks what was asked for, or failed.
+        RowFailed: The process failed.
     """
     path = folder / "job.json"
     write_job(job, path)
@@ -55,8 +55,7 @@ def run_own(job: OwnJob, folder: Path, cache: Path | None = None) -> dict:
     done = run_quietly([sys.executable, "-m", "benchmarks.own", str(path)], environment)
     seconds, used = time.perf_counter() - begun, children_seconds() - before
     if done.returncode != 0:
-        reason = last_line(done.stderr)
-        raise RowFailed(reason if done.returncode == NOT_THERE else f"failed: {reason}")
+        raise RowFailed(f"failed: {last_line(done.stderr)}")
     with np.load(job.out) as archive:
         facts = json.loads(archive["facts"].tobytes())
         arrays = {name: archive[name] for name in ("vertices", "wall", "cpu")}

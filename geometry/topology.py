@@ -103,6 +103,14 @@ class MeshTopology:
         return (sp.identity(self.vertex_count) - sp.diags(1.0 / degree) @ adjacency).tocsr()
 
 
+def corner_table(faces: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:
+    """For each vertex the (next, last) vertices of its faces in face order: offsets [B + 1] and pairs [3 F, 2]."""
+    pairs = np.stack([faces[:, [1, 2]], faces[:, [2, 0]], faces[:, [0, 1]]], axis=1).reshape(-1, 2)
+    order = np.argsort(faces.ravel(), kind="stable")
+    counts = np.bincount(faces.ravel(), minlength=vertex_count)
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int32), pairs[order].astype(np.int32)
+
+
 def face_normals(vertices: np.ndarray, faces: np.ndarray, unit: bool = True) -> np.ndarray:
     """Normals of the triangles, shape [..., F, 3]; not unit: length is twice the area [m^2]."""
     a, b, c = (vertices[..., faces[:, k], :] for k in range(3))

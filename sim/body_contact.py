@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
+from geometry.topology import corner_table
 from sim.body_parts import ContactParts
 from sim.body_seeds import age, pieces, spread_seeds
 from sim.kernels import contact as kernels
@@ -197,14 +198,6 @@ def sag(edges: np.ndarray, edge_length: np.ndarray, vertex_count: int) -> np.nda
     total = np.bincount(ends, np.repeat(edge_length, 2), minlength=vertex_count)
     mean = total / np.maximum(np.bincount(ends, minlength=vertex_count), 1)
     return mean**2 / (8.0 * LIMB_RADIUS)
-
-
-def corner_table(faces: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:
-    """For each vertex the (next, last) vertices of its faces in face order: offsets [B + 1] and pairs [3 F, 2]."""
-    pairs = np.stack([faces[:, [1, 2]], faces[:, [2, 0]], faces[:, [0, 1]]], axis=1).reshape(-1, 2)
-    order = np.argsort(faces.ravel(), kind="stable")
-    counts = np.bincount(faces.ravel(), minlength=vertex_count)
-    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int32), pairs[order].astype(np.int32)
 
 
 def _neighbour_lists(edges: np.ndarray, length: np.ndarray, count: int, device: str) -> list[wp.array]:

@@ -8,8 +8,9 @@ import numpy as np
 import warp as wp
 
 from sim.body_contact import BodyContact
+from sim.cloth_normals import find_normals
 from sim.constraints import device_hinges, device_triangles
-from sim.kernels import bending, integrate, membrane, normals
+from sim.kernels import bending, integrate, membrane
 from sim.kernels.lanes import launch, scalars, vectors
 from sim.kernels.parameters import ROW_COUNT
 from sim.rest_state import RestState
@@ -59,11 +60,7 @@ class LaneSubstep:
     def find_normals(self) -> None:
         """Normals of the cloth where it is now."""
         s = self.state
-        self._launch(normals.clear_normals, self.count, [s.x], [s.normals])
-        for first, count in self.triangles.ranges:
-            inputs = [first, self.triangles.items, s.parameters, s.x]
-            self._launch(normals.add_normals, count, inputs, [s.normals])
-        self._launch(normals.scale_normals, self.count, [s.parameters], [s.normals])
+        find_normals(self.triangles, s.parameters, s.x, s.normals, s.width, self.device)
 
     def crease_where_bent(self) -> None:
         """What hinges are bent beyond their yield becomes crease."""

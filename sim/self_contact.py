@@ -12,8 +12,9 @@ import numpy as np
 import scipy.sparse as sp
 import warp as wp
 
-from sim.body_contact import corner_table
-from sim.kernels import integrate, self_contact, self_detection, self_features, untangle
+from sim.cloth_normals import find_normals
+from sim.constraints import device_triangles
+from sim.kernels import self_contact, self_detection, self_features, untangle
 from sim.kernels.lanes import launch, scalars, vectors
 from sim.rest_state import RestState
 from sim.triangle_tree import TriangleTree
@@ -80,9 +81,7 @@ class SelfContact:
         self.marked, self.tangled, self.before = (wp.zeros(self.count, dtype=scalar, device=device) for _ in range(3))
         self.total = wp.zeros(1, dtype=scalar, device=device)
         self.normals = wp.zeros(self.count, dtype=vector, device=device)
-        first_corner, corners = corner_table(faces, self.count)
-        self.first_corner = wp.array(first_corner, dtype=int, device=device)
-        self.corners = wp.array(corners, dtype=wp.vec2i, device=device)
+        self.triangles = device_triangles(rest, device) if self.layered else None
         self.threads = 1 if device == "cpu" else _GPU_THREADS
         self.one_by_one = device == "cpu"
         scratch = 1 if self.one_by_one else self.count
@@ -174,7 +173,7 @@ class SelfContact:
         self._launch(untangle.find_crossings, self.threads, inputs, outputs)
         self._launch(untangle.count_searches, self.count, [], [self.marked, self.tangled])
         if self.layered:
-            self._launch(integrate.cloth_normals, self.count, [self.first_corner, self.corners, x], [self.normals])
+            find_normals(self.triangles, parameters, x, self.normals, self.width, self.device)
         inputs = [self.threads, interval, self.rest_distance, self.patches, self.rest, self.triangle_pairs]
         inputs += [self.released, self.tangled, parameters, self.normals, x, v]
         outputs = [self.found, self.pairs, self.side, self.gap]

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
+from geometry.topology import corner_table
 from sim.body_contact import sag
 from sim.implicit.body_surface import BodySurface
 from sim.implicit.contact_kernels import advance, constrain, project
@@ -103,7 +104,7 @@ class ImplicitCloth:
         self._areas = array(rest.area, wp.float64)
         self._hinge_weights = array(rest.hinge_weights, wp.vec4d)
         self._vertex_areas = array(rest.vertex_area, wp.float64)
-        first_corner, corners = _corner_table(topology.faces, count)
+        first_corner, corners = corner_table(topology.faces, count)
         self._first_corner, self._corners = array(first_corner, wp.int32), array(corners, wp.vec2i)
         self._gravity = wp.vec3d(0.0, -parameters["gravity"], 0.0)
         heading, speed = parameters["wind_heading"], parameters["wind_speed"]
@@ -300,11 +301,3 @@ class ImplicitCloth:
 
     def _launch(self, kernel: wp.Kernel, dim: int, inputs: list) -> None:
         wp.launch(kernel, dim=dim, inputs=inputs, device="cpu")
-
-
-def _corner_table(faces: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:
-    """For each vertex the (next, last) vertices of its faces: offsets [V + 1] and pairs [3 F, 2]."""
-    pairs = np.stack([faces[:, [1, 2]], faces[:, [2, 0]], faces[:, [0, 1]]], axis=1).reshape(-1, 2)
-    order = np.argsort(faces.ravel(), kind="stable")
-    counts = np.bincount(faces.ravel(), minlength=vertex_count)
-    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int32), pairs[order].astype(np.int32)

@@ -206,47 +206,9 @@ def shift_origin(lane_motion: wp.array(dtype=int), shift: wp.array(dtype=wp.vec3
     x[i] = position
 
 
-@wp.kernel
-def cloth_normals(
-    first_corner: wp.array(dtype=int),
-    corners: wp.array(dtype=wp.vec2i),
-    x: wp.array(dtype=Any),
-    normals: wp.array(dtype=Any),
-):
-    """Area-weighted unit normals of the garment's vertices; ``corners`` holds the other two vertices of each face."""
-    i = wp.tid()
-    centre = x[i]
-    total = centre - centre
-    lanes = len(centre) // 3
-    for c in range(first_corner[i], first_corner[i + 1]):
-        a = x[corners[c][0]]
-        b = x[corners[c][1]]
-        for k in range(lanes):
-            y = lanes + k
-            z = 2 * lanes + k
-            ax = a[k] - centre[k]
-            ay = a[y] - centre[y]
-            az = a[z] - centre[z]
-            bx = b[k] - centre[k]
-            by = b[y] - centre[y]
-            bz = b[z] - centre[z]
-            total[k] = total[k] + ay * bz - az * by
-            total[y] = total[y] + az * bx - ax * bz
-            total[z] = total[z] + ax * by - ay * bx
-    for k in range(lanes):
-        y = lanes + k
-        z = 2 * lanes + k
-        over = 1.0 / wp.sqrt(total[k] * total[k] + total[y] * total[y] + total[z] * total[z] + 1.0e-20)
-        total[k] = total[k] * over
-        total[y] = total[y] * over
-        total[z] = total[z] * over
-    normals[i] = total
-
-
 for _width in WIDTHS:
     _state = {"x": "vectors", "x_prev": "vectors", "x_pred": "vectors"}
     declare(predict, _width, parameters="scalars", normals="vectors", v="vectors", **_state)
     declare(update_velocity, _width, parameters="scalars", v="vectors", **_state)
     declare(move_pins, _width, x="vectors")
     declare(shift_origin, _width, x="vectors")
-    declare(cloth_normals, _width, x="vectors", normals="vectors")
