@@ -9,16 +9,19 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from collections.abc import Sequence as Many
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from body.model import Body
-from datasets.shards import read_header, read_sequences
+from datasets.shards import LONG, MATERIALS, MOTIONS, REPEATED, read_header, read_sequences
 from datasets.splits import SplitRule
 
 _OWN_FIELDS = ("clip", "take", "label", "phi", "parameters", "vertices", "pose", "root", "joints")
-_OWN_FIELDS += ("lead_pose", "lead_root", "lead_joints")
+_OWN_FIELDS += ("lead_pose", "lead_root", "lead_joints", "body_index")
+
+ONE_BODY = (MATERIALS, MOTIONS, REPEATED, LONG)
+"""Plans whose sequences are all on the run's own body: what a reader gets that does not ask for others."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,7 @@ class Sequence:
     """One simulated clip.
 
     Attributes:
-        garment, clip, take, label, plan: Names; ``plan`` is ``materials`` or ``motions``.
+        garment, clip, take, label, plan: Names; ``plan`` is ``materials``, ``motions`` or ``bodies``.
         phi: Number of the parameter set, 0 = base.
         split: One of ``datasets.splits.SPLITS``.
         fps: Frame rate [Hz].
@@ -34,6 +37,9 @@ class Sequence:
         pose, root, joints: Axis-angle [rad] [T, 24, 3], root translation [m] [T, 3], joints [m] [T, 24, 3].
         lead_pose, lead_root, lead_joints: The motion before the first recorded frame, [L, ...].
         parameters: Intrinsic parameters by name, in the order of the shard.
+        shape: Shape coefficients of its body [standard deviations], shape [<= 10]; missing ones are zero. Its body is
+            ``Body.load(...).shaped(sequence.shape)``, its rest shape ``garments.grading.graded`` of the template.
+        body_index: Number of the body shape, 0 = the run's own body.
     """
 
     garment: str
@@ -52,6 +58,8 @@ class Sequence:
     lead_root: np.ndarray
     lead_joints: np.ndarray
     parameters: dict[str, float]
+    shape: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    body_index: int = 0
 
     @property
     def frames(self) -> int:
@@ -60,20 +68,31 @@ class Sequence:
 
 
 def load_sequences(
-    paths: Iterable[str | os.PathLike], rule: SplitRule, splits: Many[str] | None = None, plans: Many[str] | None = None
+    paths: Iterable[str | os.PathLike],
+    rule: SplitRule,
+    splits: Many[str] | None = None,
+    plans: Many[str] | None = None,
 ) -> list[Sequence]:
-    """Sequences of the shards, in the order of the paths, of the asked splits and plans only (default: all)."""
+    """Sequences of the shards, in the order of the paths.
+
+    Args:
+        paths: Shards.
+        rule: What is held out.
+        splits: Splits that are wanted; all where None.
+        plans: Plans that are wanted; where None those of ``ONE_BODY``, so that who knows of one body gets one body.
+    """
     sequences = []
     for path in paths:
         header = read_header(path)
-        if plans is not None and header.plan not in plans:
+        if header.plan not in (ONE_BODY if plans is None else plans):
             continue
         for s in read_sequences(path):
-            split = rule.split(s.phi, s.take_index, s.label)
+            split = rule.split(s.phi, s.take_index, s.label, s.body_index)
             if splits is not None and split not in splits:
                 continue
             own = {name: getattr(s, name) for name in _OWN_FIELDS}
-            shared = {"garment": header.garment, "plan": header.plan, "fps": header.fps}
+            shape = s.shape if len(s.shape) else header.body_shape
+            shared = {"garment": header.garment, "plan": header.plan, "fps": header.fps, "shape": shape}
             sequences.append(Sequence(split=split, **shared, **own))
     return sequences
 

@@ -10,14 +10,17 @@ A shard holds the simulated sequences of one garment for a fixed slice of the da
 ``/body`` attributes               ``name``, ``digest``; ``/body/faces`` [Fb, 3] int32, ``/body/shape`` [10] float64
 ``/parameters/{names,units,groups}``  intrinsic parameters, [K] strings
 ``/sequences/0000``                one simulation: attributes ``clip``, ``take``, ``take_index``, ``label``, ``phi``
-                                   (number of the parameter set, 0 = base) and every quality figure of the
-                                   simulation under ``quality_`` and its name (strain, depth and vertices inside,
-                                   pinched vertices and frames, crossing pairs ...: ``sim.result``)
+                                   (number of the parameter set, 0 = base), ``body_index`` (number of the body
+                                   shape, 0 = ``/body/shape``), ``shape`` (its coefficients [standard
+                                   deviations], [<= 10] float64; empty: ``/body/shape``) and every quality
+                                   figure of the simulation under ``quality_`` and its name (strain, depth and
+                                   vertices inside, pinched vertices and frames, crossing pairs ...:
+                                   ``sim.result``)
 ``.../vertices``                   garment in the world [m], [T, V, 3] float32
 ``.../pose``, ``root``, ``joints`` SMPL pose [rad] [T, 24, 3], root translation [m] [T, 3], joints [m] [T, 24, 3]
 ``.../lead_{pose,root,joints}``    the motion before the first recorded frame, [L, ...]
 ``.../parameters``                 values in the order of ``/parameters/names``, [K] float64
-``/dropped`` attribute ``records`` JSON list of the simulations that were given up: clip, phi, reason, attempts
+``/dropped`` attribute ``records`` JSON list of the simulations that were given up: clip, phi, body_index, reason ...
 =================================  ==========================================================================
 """
 
@@ -41,10 +44,14 @@ MATERIALS = "materials"
 """Plan of many sampled parameter sets, each on the same few clips (Wang 2019)."""
 MOTIONS = "motions"
 """Plan of the base parameters on every clip (Shi 2023)."""
+BODIES = "bodies"
+"""Plan of sampled body shapes, each in a garment graded to it, base parameters, on clips of all the run."""
 REPEATED = "repeated"
 """Plan of test clips simulated once more, from a start that differs a little: what no regressor can know."""
 LONG = "long"
 """Plan of a few long motions, base parameters, to be tested on alone."""
+SHAPE_COMPONENTS = 10
+"""Most shape coefficients of a body."""
 FRAMES_PER_CHUNK = 8
 """Serves single frames and windows alike: a chunk is what one read decompresses."""
 
@@ -91,6 +98,8 @@ class SimulatedSequence:
     lead_root: np.ndarray
     lead_joints: np.ndarray
     quality: dict[str, float] = field(default_factory=dict)
+    shape: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    body_index: int = 0
 
 
 @dataclass(frozen=True)
@@ -102,6 +111,7 @@ class DroppedSimulation:
     phi: int
     reason: str
     attempts: int
+    body_index: int = 0
 
 
 class ShardWriter:
@@ -133,8 +143,9 @@ class ShardWriter:
             group.create_dataset(name, data=array, **_storage(array))
         names = self._header.parameter_names
         group["parameters"] = np.array([sequence.parameters[n] for n in names], dtype=np.float64)
-        for name in ("clip", "take", "take_index", "label", "phi"):
+        for name in ("clip", "take", "take_index", "label", "phi", "body_index"):
             group.attrs[name] = getattr(sequence, name)
+        group.attrs["shape"] = np.asarray(sequence.shape, dtype=np.float64)
         for name, value in sequence.quality.items():
             group.attrs[f"quality_{name}"] = value
         self._count += 1
@@ -171,12 +182,13 @@ def read_dropped(path: str | os.PathLike) -> list[DroppedSimulation]:
 
 
 def read_quality(path: str | os.PathLike) -> list[dict[str, float | str]]:
-    """Clip, label, phi, parameters and quality figures of every sequence, without its arrays."""
+    """Clip, label, phi, body, parameters and quality figures of every sequence, without its arrays."""
     with _open(path) as file:
         names = [n.decode() for n in file["parameters/names"][:]]
         rows = []
         for group in file["sequences"].values() if "sequences" in file else ():
             row = {name: _plain(group.attrs[name]) for name in ("clip", "take", "label", "phi")}
+            row["body_index"] = int(group.attrs.get("body_index", 0))
             row |= {k.removeprefix("quality_"): _plain(v) for k, v in group.attrs.items() if k.startswith("quality_")}
             row |= {f"parameter_{n}": float(v) for n, v in zip(names, group["parameters"][:])}
             rows.append(row | {"frames": int(group["vertices"].shape[0])})
@@ -200,6 +212,9 @@ def read_sequences(path: str | os.PathLike) -> Iterator[SimulatedSequence]:
                 phi=int(group.attrs["phi"]),
                 parameters=dict(zip(names, map(float, group["parameters"][:]))),
                 quality=quality,
+                # Shards from before there were body shapes lack both.
+                shape=np.asarray(group.attrs.get("shape", ()), dtype=np.float64),
+                body_index=int(group.attrs.get("body_index", 0)),
                 **{name: group[name][:] for name in _ARRAYS},
             )
             _check_sequence(sequence, count, names)
@@ -259,6 +274,10 @@ def _check_sequence(sequence: SimulatedSequence, vertices: int, names: Sequence[
         got = np.shape(getattr(sequence, name))
         if got != shape:
             raise ValueError(f"sequence {sequence.clip}: {name} has shape {list(got)}, expected {list(shape)}")
+    shape = np.asarray(sequence.shape)
+    if shape.ndim != 1 or len(shape) > SHAPE_COMPONENTS or not np.isfinite(shape).all():
+        what = f"shape {shape.tolist()}, expected at most {SHAPE_COMPONENTS} finite body shape coefficients"
+        raise ValueError(f"sequence {sequence.clip}: {what}")
     for name in _ARRAYS:
         if not np.isfinite(getattr(sequence, name)).all():
             raise ValueError(f"sequence {sequence.clip}: {name} holds a number that is not finite")

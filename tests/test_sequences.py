@@ -7,7 +7,7 @@ import pytest
 
 from body.model import Body
 from datasets.sequences import Sequence, from_canonical, motion_signature, to_canonical
-from datasets.splits import SplitRule
+from datasets.splits import SPLITS, SplitRule
 from geometry.rotations import axis_angle_to_matrix, matrix_to_axis_angle
 
 
@@ -51,6 +51,19 @@ def test_splits_share_neither_parameters_nor_takes():
     assert rule.split(0, 0) == "train"
     with pytest.raises(ValueError, match="takes_every is 1"):
         SplitRule(5, 1)
+
+
+def test_bodies_are_held_out_like_parameters():
+    rule = SplitRule(5, 4, labels=["kick"], bodies_every=3)
+    split = {(body, take): rule.split(0, take, "walk", body) for body in range(10) for take in range(8)}
+    assert {body for (body, _), name in split.items() if name in ("train", "unseen_motions")} == {0, 1, 2, 4, 5, 7, 8}
+    assert {body for (body, _), name in split.items() if "unseen_bodies" in name} == {3, 6, 9}
+    assert {take for (_, take), name in split.items() if name == "unseen_bodies"} == {0, 1, 2, 4, 5, 6}
+    assert split[3, 3] == "unseen_bodies_and_motions" and split[1, 3] == "unseen_motions"
+    assert rule.split(0, 0, "kick", 3) == "unseen_labels"
+    assert set(split.values()) <= set(SPLITS)
+    with pytest.raises(ValueError, match="bodies_every is 1"):
+        SplitRule(5, 4, bodies_every=1)
 
 
 def test_a_label_is_held_out_whole():

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
 
+from datasets.sequences import load_sequences
 from datasets.shards import (
+    BODIES,
     DroppedSimulation,
     ShardHeader,
     ShardWriter,
@@ -16,6 +20,7 @@ from datasets.shards import (
     read_quality,
     read_sequences,
 )
+from datasets.splits import SplitRule
 
 NAMES = ("density", "bend")
 
@@ -87,6 +92,28 @@ def test_what_is_written_is_read_back(tmp_path, header):
     assert (found.parameter_units, found.plan, found.fps) == (header.parameter_units, "materials", 30.0)
 
 
+def test_a_sequence_knows_its_body_and_readers_of_one_body_get_one(tmp_path, header):
+    header = replace(header, body_shape=np.array([0.5, -0.5]))
+    shaped = replace(make_sequence(0), phi=0, shape=np.array([1.0, -2.0, 0.25]), body_index=4)
+    paths = {plan: tmp_path / f"{plan}.h5" for plan in ("motions", "bodies")}
+    for plan, sequence in (("motions", make_sequence(1)), ("bodies", shaped)):
+        with ShardWriter(paths[plan], replace(header, plan=plan)) as writer:
+            writer.add(sequence)
+    rule = SplitRule(5, 5, bodies_every=4)
+    own = load_sequences(paths.values(), rule)
+    assert [s.plan for s in own] == ["motions"] and own[0].body_index == 0
+    np.testing.assert_array_equal(own[0].shape, [0.5, -0.5])
+    (other,) = load_sequences(paths.values(), rule, plans=(BODIES,))
+    assert (other.body_index, other.split) == (4, "unseen_bodies")
+    np.testing.assert_array_equal(other.shape, [1.0, -2.0, 0.25])
+    assert read_quality(paths["bodies"])[0]["body_index"] == 4
+    with h5py.File(paths["motions"], "a") as file:  # as shards were before there were body shapes
+        for name in ("shape", "body_index"):
+            del file["sequences/0000"].attrs[name]
+    (old,) = load_sequences([paths["motions"]], rule)
+    assert old.body_index == 0 and list(old.shape) == [0.5, -0.5]
+
+
 def test_failure_leaves_no_file(tmp_path, header):
     with pytest.raises(RuntimeError), ShardWriter(tmp_path / "a.h5", header) as writer:
         writer.add(make_sequence())
@@ -102,6 +129,9 @@ def test_sequences_that_do_not_fit_are_refused(tmp_path, header):
         bad.vertices[3, 2, 1] = np.nan
         with pytest.raises(ValueError, match="vertices holds a number that is not finite"):
             writer.add(bad)
+        for shape in (np.zeros(11), np.array([np.inf]), np.zeros((2, 2))):
+            with pytest.raises(ValueError, match="expected at most 10 finite body shape coefficients"):
+                writer.add(replace(make_sequence(), shape=shape))
 
 
 def test_files_that_are_no_shards_are_refused(tmp_path, header):
