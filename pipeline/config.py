@@ -292,6 +292,10 @@ def _check_models(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
                 f"found {settings['use']!r}",
                 f"allowed are the variants that are configured: {', '.join(settings['variants'])}",
             )
+        for variant in settings.get("seeds", {}):
+            if variant not in settings["variants"]:
+                allowed = f"allowed are the variants that are configured: {', '.join(settings['variants'])}"
+                raise _error(layers, ("models", model, "seeds", variant), "no such variant", allowed)
     descriptor = config["models"]["shape_descriptor"]
     for variant, settings in descriptor["variants"].items():
         codes = {("variants", variant, "code"): settings["code"]}

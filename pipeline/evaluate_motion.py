@@ -10,6 +10,7 @@ from pathlib import Path
 
 from evaluation.motion import MotionSet, generation_rows, reconstruction_rows, sampling
 from evaluation.motion_quality import quality_rows
+from evaluation.seeds import average_seeds, split_seed
 from evaluation.table import Row, read_table, write_table
 from models.motion_fitting import load_motion_cvae, load_recognition
 from models.motion_generator import MotionGenerator
@@ -22,13 +23,13 @@ NAMES = {"actor": "ACTOR", "action2motion": "Action2Motion"}
 
 def main(job: Job) -> None:
     """Evaluate on the held-out clips."""
-    spec, count = job.spec, len(job.spec["motion_cvae"]["variants"])
+    spec, count = job.spec, len(job.spec["variants"])
     recognition_path, *inputs = job.inputs
     paths, (judge_losses, *losses), motions = inputs[:count], inputs[count : 2 * count + 1], inputs[2 * count + 1 :]
     body, recognition = job_body(job), load_recognition(recognition_path)
     models = {_name(path): load_motion_cvae(path) for path in paths}
     budgets = {
-        _name(path): _budget(spec["motion_cvae"]["variants"][Path(path).stem], models[_name(path)], rows)
+        _name(path): _budget(spec["motion_cvae"]["variants"][split_seed(Path(path).stem)[0]], models[_name(path)], rows)
         for path, rows in zip(paths, losses, strict=True)
     }
     sets = {}
@@ -38,7 +39,8 @@ def main(job: Job) -> None:
     train, test = sets[False], sets[True]
     print(f"[motion] {len(train.labels)} training and {len(test.labels)} held-out clips", flush=True)
     rows = reconstruction_rows(models, train, test, body)
-    write_table(job.outputs[0], [row | budgets.get(row["method"], {}) for row in rows])
+    rows = [row | budgets.get(row["method"], {}) for row in rows]
+    write_table(job.outputs[0], average_seeds(rows, ["vertex_rmse_m", "joint_error_m"]))
     print("[motion] reconstruction done", flush=True)
     rows = generation_rows(models, recognition, train, test, body, spec["seed"], spec["evaluation"]["repetitions"])
     size, trained = recognition.config, spec["recognition"]["training"]["epochs"]
@@ -47,16 +49,20 @@ def main(job: Job) -> None:
         "judge_training_s": _seconds(judge_losses),
         "data": spec["source"],
     }
-    write_table(job.outputs[1], [row | judge | budgets.get(row["source"], {}) for row in rows])
+    rows = [row | judge | budgets.get(row["source"], {}) for row in rows]
+    write_table(job.outputs[1], average_seeds(rows, ["fid", "accuracy_percent", "diversity", "multimodality"]))
     print("[motion] generation done", flush=True)
     frames = train.pose6d.shape[1]
     generated = {name: m.sample_motions(test.labels, frames, sampling(spec["seed"], 0)) for name, m in models.items()}
-    write_table(job.outputs[2], quality_rows(split_clips(job, motions, held_out=True), generated, body))
+    rows = quality_rows(split_clips(job, motions, held_out=True), generated, body)
+    write_table(job.outputs[2], average_seeds(rows, []))
 
 
 def _name(path: str) -> str:
-    variant = Path(path).stem
-    return NAMES.get(variant, f"motion CVAE, {variant}")
+    """What the tables call a generator; a repetition from another seed keeps the mark of it."""
+    variant, number = split_seed(Path(path).stem)
+    name = NAMES.get(variant, f"motion CVAE, {variant}")
+    return name if number == 1 else f"{name}-seed-{number}"
 
 
 def _budget(settings: dict, model: MotionGenerator, losses: str) -> Row:

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from datasets.splits import SplitRule
+from evaluation.seeds import seed_names, split_seed
 from pipeline.canonical import canonical
 from pipeline.plan import (
     PlannedClip,
@@ -142,9 +143,14 @@ def ranges_spec(config: Config, garment: str) -> str:
 
 
 def train_spec(config: Config, model: str, garment: str = "", variant: str = "") -> str:
-    """A trained variant of a garment's model, or a model of the motions where no garment is named."""
+    """A trained variant of a garment's model, or a model of the motions where no garment is named.
+
+    A variant may be a repetition from another seed, as ``trained_variants`` names it.
+    """
     settings = dict(config["models"][model])
+    variant, number = split_seed(variant)
     spec = _learning(config) | {"model": settings["variants"][variant] if variant else settings}
+    spec["seed"] += number - 1
     if variant:
         spec["variant"] = variant
     if garment:
@@ -154,6 +160,17 @@ def train_spec(config: Config, model: str, garment: str = "", variant: str = "")
     if model == "motion_invariant":
         spec["window"] = settings["variants"][variant].get("window", settings["window"])
     return canonical(spec)
+
+
+def trained_variants(config: Config, model: str) -> list[str]:
+    """Names of all trainings of a model's variants, those from further seeds included, in the order of the config."""
+    settings = config["models"][model]
+    return seed_names(settings["variants"], settings.get("seeds", {}))
+
+
+def encode_spec(config: Config, garment: str) -> str:
+    """A garment's frames as descriptors."""
+    return canonical(_learning(config) | {"garment": garment})
 
 
 def curve_spec(config: Config, garment: str) -> str:
@@ -181,9 +198,10 @@ def evaluate_spec(config: Config, garment: str = "", model: str = "") -> str:
         models = {name: config["models"][name] for name in ("recognition", "motion_cvae")}
         clips = learning_clips(config["motions"])
         spec |= _labels(config, clips) | models | {"source": config["motions"]["source"]}
+        spec["variants"] = trained_variants(config, "motion_cvae")
         return canonical(spec | {name: config["motions"][name] for name in ("frames", "fps")})
     settings = config["models"][model]
-    spec |= {"garment": garment, "use": settings["use"], "variants": list(settings["variants"])}
+    spec |= {"garment": garment, "use": settings["use"], "variants": trained_variants(config, model)}
     if model == "garment_regressor":
         spec["tested_clips"] = [clip.name for clip in tested_clips(config)]
     return canonical(spec)

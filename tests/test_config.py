@@ -164,6 +164,18 @@ CASES = {
         "models: {shape_descriptor: {use: best}}",
         ["mine.yaml: models.shape_descriptor.use: found 'best'; allowed are paper, residual-pca"],
     ),
+    "seeds of a variant that is not there": (
+        "models: {motion_cvae: {seeds: {best: 3}}}",
+        ["mine.yaml: models.motion_cvae.seeds.best: no such variant; allowed are the variants that are configured: paper, dense"],
+    ),
+    "no seed": (
+        "models: {motion_cvae: {seeds: {dense: 0}}}",
+        ["mine.yaml: models.motion_cvae.seeds.dense: found 0; allowed is a whole number from 1 to 100 trainings"],
+    ),
+    "a name that is kept for seeds": (
+        "models: {motion_invariant: {variants: {mine-seed-2: {kind: pooled}}}}",
+        ["mine.yaml: models.motion_invariant.variants"],
+    ),
     "a code longer than the components": (
         "models: {shape_descriptor: {curve: {codes: [25, 600]}}}",
         ["mine.yaml: models.shape_descriptor.curve.codes.1: found 600; allowed are up to its components = 512"],

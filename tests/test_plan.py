@@ -57,6 +57,19 @@ def test_more_variants_append_clips(config):
     assert len({clip.name for clip in more}) == len(more)
 
 
+def test_more_seeds_append_trainings_and_change_no_other(config):
+    config["models"]["garment_regressor"]["seeds"] = {"gru": 3}
+    names = spec.trained_variants(config, "garment_regressor")
+    assert set(names) - set(config["models"]["garment_regressor"]["variants"]) == {"gru-seed-2", "gru-seed-3"}
+    first, second, third = (
+        json.loads(spec.train_spec(config, "garment_regressor", "skirt", name))
+        for name in ("gru", "gru-seed-2", "gru-seed-3")
+    )
+    assert (second["seed"], third["seed"]) == (first["seed"] + 1, first["seed"] + 2)
+    assert first | {"seed": 0} == second | {"seed": 0}
+    assert json.loads(spec.evaluate_spec(config, "skirt", "garment_regressor"))["variants"] == names
+
+
 def test_batches_hold_every_clip_once(config):
     motions = config["motions"] | {"clips_per_batch": 5}
     held = [clip for batch in range(batch_count(motions)) for clip in batch_clips(motions, batch)]

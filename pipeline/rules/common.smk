@@ -30,7 +30,9 @@ wildcard_constraints:
     garment="|".join(GARMENTS),
     shard=r"(materials|motions)_\d{4}",
     batch=r"\d{4}",
-    variant="|".join(v for m in config["models"].values() for v in m.get("variants", ())),
+    variant="|".join(
+        v for m, s in config["models"].items() if "variants" in s for v in spec.trained_variants(config, m)
+    ),
 
 
 def shards(wildcards):
@@ -55,13 +57,13 @@ def motion_cvae(variant=None):
 
 def motion_cvaes():
     """Paths of all variants of the motion generator, in the order of the config."""
-    return [motion_cvae(variant) for variant in config["models"]["motion_cvae"]["variants"]]
+    return [motion_cvae(variant) for variant in spec.trained_variants(config, "motion_cvae")]
 
 
 def motion_trainings():
     """Names of the trainings of the motion models, the judge first."""
     return ["motion/recognition"] + [
-        f"motion/motion_cvae/{variant}" for variant in config["models"]["motion_cvae"]["variants"]
+        f"motion/motion_cvae/{variant}" for variant in spec.trained_variants(config, "motion_cvae")
     ]
 
 
@@ -71,8 +73,13 @@ def model_file(model, variant=None):
 
 
 def model_files(model):
-    """Paths of all variants of a garment's model, in the order of the config."""
-    return [model_file(model, variant) for variant in config["models"][model]["variants"]]
+    """Paths of all variants of a garment's model and of their repetitions, in the order of the config."""
+    return [model_file(model, variant) for variant in spec.trained_variants(config, model)]
+
+
+def codes_file():
+    """Path pattern of a garment's frames as descriptors."""
+    return f"{RESULTS}/codes/{{garment}}.h5"
 
 
 def part(table):
@@ -85,5 +92,5 @@ def losses():
     trainings = motion_trainings()
     for garment in GARMENTS:
         for model in ("shape_descriptor", "motion_invariant", "garment_regressor"):
-            trainings += [f"{garment}/{model}/{variant}" for variant in config["models"][model]["variants"]]
+            trainings += [f"{garment}/{model}/{variant}" for variant in spec.trained_variants(config, model)]
     return [f"{RESULTS}/training/{training}/losses.csv" for training in trainings]
