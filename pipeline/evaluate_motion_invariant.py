@@ -1,16 +1,17 @@
 """Stage ``evaluate_motion_invariant``: does z hold the material and not the motion? (Wang 2019, Figs. 10 and 11)
 
-In: the descriptor in use, all variants of the autoencoder and all shards of a garment. Out: the garment's rows of the
-tables ``motion_invariant`` (own reconstruction, transfer to other motions of the same parameters against the simulated
-truth, controls, variance ratio of z) and ``parameter_recovery`` (R^2 from z to each intrinsic parameter, and how much
-that parameter shapes the garment).
+In: the descriptor in use, the codes that it made, all variants of the autoencoder and all shards of a garment. Out: the
+garment's rows of the tables ``motion_invariant`` (own reconstruction, transfer to other motions of the same parameters
+against the simulated truth, controls, variance ratio of z) and ``parameter_recovery`` (R^2 from z to each intrinsic
+parameter, and how much that parameter shapes the garment).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from datasets.sequences import Sequence, to_canonical
+from datasets.codes import CodedSequence
+from datasets.sequences import to_canonical
 from datasets.shards import MATERIALS
 from datasets.splits import TRAIN, UNSEEN_BOTH, UNSEEN_MOTIONS, UNSEEN_PARAMETERS
 from evaluation.intrinsic import against_controls, transfer_rows, variance_row
@@ -20,7 +21,14 @@ from models.intrinsic_fitting import load_motion_invariant
 from models.motion_invariant import MotionInvariantNetwork
 from models.same_phi import IntrinsicFrames
 from models.shape_descriptor import ShapeDescriptor, load_shape_descriptor
-from pipeline.intrinsic_data import LOGARITHMIC, intrinsic_frames, sequence_codes, varied_parameters
+from pipeline.intrinsic_data import (
+    LOGARITHMIC,
+    all_codes,
+    check_same_frames,
+    intrinsic_frames,
+    job_codes,
+    varied_parameters,
+)
 from pipeline.sequence_data import frame_numbers, job_body, job_sequences
 from pipeline.stage import Job, run_stage
 
@@ -36,15 +44,17 @@ def main(job: Job) -> None:
     """Load, evaluate every variant on every held-out split, write."""
     spec, names = job.spec, list(job.spec["variants"])
     descriptor = load_shape_descriptor(job.inputs[0])
-    networks = [load_motion_invariant(path) for path in job.inputs[1 : 1 + len(names)]]
+    networks = [load_motion_invariant(path) for path in job.inputs[2 : 2 + len(names)]]
     body = job_body(job)
     splits = (TRAIN, *SOURCES)
-    sequences = job_sequences(job, job.inputs[1 + len(names) :], splits, (MATERIALS,))
-    codes = sequence_codes(sequences, descriptor, body)
+    sequences = job_codes(job, job.inputs[1], job.inputs[0], splits, (MATERIALS,))
+    codes = all_codes(sequences)
+    held_out = job_sequences(job, job.inputs[2 + len(names) :], tuple(SOURCES), (MATERIALS,))
+    check_same_frames([s for s in sequences if s.split != TRAIN], held_out)
     owner = frame_numbers(sequences, (splits.index(s.split) for s in sequences))
     of_split = {split: np.flatnonzero(owner == number) for number, split in enumerate(splits)}
     truth = {
-        split: np.concatenate([to_canonical(s.vertices, s.pose, s.root, body) for s in sequences if s.split == split])
+        split: np.concatenate([to_canonical(s.vertices, s.pose, s.root, body) for s in held_out if s.split == split])
         for split in SOURCES
         if len(of_split[split])
     }
@@ -80,7 +90,7 @@ def _effects(
     descriptor: ShapeDescriptor,
     network: MotionInvariantNetwork,
     frames: IntrinsicFrames,
-    sequences: list[Sequence],
+    sequences: list[CodedSequence],
     varied: tuple[str, ...],
 ) -> dict[str, float]:
     sets = {s.phi: s.parameters for s in sequences if s.split == TRAIN}

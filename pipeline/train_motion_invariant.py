@@ -1,8 +1,8 @@
 """Stage ``train_motion_invariant``: the material, apart from how its wearer moves (Wang 2019, section 3.4).
 
-In: the shape descriptor in use and all shards of a garment. Out: a model file and the table of losses. Trained on both
-plans: the materials plan shows many parameter sets, and the motions plan, one set more, shows many motions. Watched
-where both are unseen.
+In: the codes of a garment and the shape descriptor in use, which made them. Out: a model file and the table of losses.
+Trained on both plans: the materials plan shows many parameter sets, and the motions plan, one set more, shows many
+motions. Watched where both are unseen.
 """
 
 from __future__ import annotations
@@ -11,28 +11,23 @@ from datasets.shards import MATERIALS
 from datasets.splits import TRAIN, UNSEEN_BOTH
 from models.intrinsic_fitting import fit_motion_invariant, save_motion_invariant
 from models.motion_invariant import MotionInvariantConfig
-from models.shape_descriptor import load_shape_descriptor
-from pipeline.intrinsic_data import intrinsic_frames, sequence_codes, varied_parameters
-from pipeline.sequence_data import job_body, job_sequences
+from pipeline.intrinsic_data import all_codes, intrinsic_frames, job_codes, varied_parameters
 from pipeline.stage import Job, run_stage
 from pipeline.training_job import TrainingProgress, settings_of, training_settings, work_dir
 
 
 def main(job: Job) -> None:
     """Train and save."""
-    descriptor_path, *shards = job.inputs
-    body, model, variant = job_body(job), dict(job.spec["model"]), job.spec["variant"]
+    codes_path, descriptor_path = job.inputs
+    model, variant = dict(job.spec["model"]), job.spec["variant"]
     kind = model.pop("kind", variant)
     config = settings_of(MotionInvariantConfig, {"window": job.spec["window"]} | model, variant=kind)
-    descriptor = load_shape_descriptor(descriptor_path)
-    training = job_sequences(job, shards, (TRAIN,))
-    held_out = job_sequences(job, shards, (UNSEEN_BOTH,), (MATERIALS,))
+    training = job_codes(job, codes_path, descriptor_path, (TRAIN,))
+    held_out = job_codes(job, codes_path, descriptor_path, (UNSEEN_BOTH,), (MATERIALS,))
     names = varied_parameters(training)
     frames, validation = (
-        intrinsic_frames(sequences, sequence_codes(sequences, descriptor, body), config, names)
-        for sequences in (training, held_out)
+        intrinsic_frames(sequences, all_codes(sequences), config, names) for sequences in (training, held_out)
     )
-    del training, held_out
     module = fit_motion_invariant(
         frames,
         config,

@@ -20,6 +20,7 @@ STAGE_ORDER = (
     "simulate",
     "train_shape_descriptor",
     "train_descriptor_curve",
+    "encode_shapes",
     "train_motion_invariant",
     "train_recognition",
     "train_motion_cvae",

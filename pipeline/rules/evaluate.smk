@@ -53,6 +53,7 @@ rule evaluate_motion_invariant:
     input:
         shards=shards,
         descriptor=model_file("shape_descriptor"),
+        codes=codes_file(),
         models=model_files("motion_invariant"),
         code=stage_sources("evaluate_motion_invariant"),
     output:
@@ -70,7 +71,7 @@ rule evaluate_motion_invariant:
         spec=lambda w: spec.evaluate_spec(config, w.garment, "motion_invariant"),
     shell:
         "python -m pipeline.evaluate_motion_invariant --spec {params.spec:q} --out {output}"
-        " --in {input.descriptor} {input.models} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+        " --in {input.descriptor} {input.codes} {input.models} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
 rule evaluate_motion:

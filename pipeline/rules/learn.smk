@@ -53,9 +53,33 @@ rule train_descriptor_curve:
         " --in {input.template} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
-rule train_motion_invariant:
+rule encode_shapes:
     input:
         shards=shards,
+        descriptor=model_file("shape_descriptor"),
+        code=stage_sources("encode_shapes"),
+    output:
+        codes_file(),
+    log:
+        f"{RESULTS}/logs/encode_shapes/{{garment}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/encode_shapes/{{garment}}.tsv"
+    priority: 35
+    conda:
+        ENVIRONMENT
+    threads: THREADS
+    resources:
+        device=DEVICE,
+    params:
+        spec=lambda w: spec.encode_spec(config, w.garment),
+    shell:
+        "python -m pipeline.encode_shapes --spec {params.spec:q} --out {output}"
+        " --in {input.descriptor} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+
+
+rule train_motion_invariant:
+    input:
+        codes=codes_file(),
         descriptor=model_file("shape_descriptor"),
         code=stage_sources("train_motion_invariant"),
     output:
@@ -75,7 +99,7 @@ rule train_motion_invariant:
         spec=lambda w: spec.train_spec(config, "motion_invariant", w.garment, w.variant),
     shell:
         "python -m pipeline.train_motion_invariant --spec {params.spec:q} --out {output}"
-        " --in {input.descriptor} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+        " --in {input.codes} {input.descriptor} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
 rule train_recognition:
