@@ -63,7 +63,7 @@ def cleanliness(scene: Scene, vertices: np.ndarray, other: np.ndarray | None = N
     query = SurfaceQuery(scene.body_faces, scene.body.shape[1])
     depths = []
     for frame in range(0, len(vertices), every):
-        hits = query.query(vertices[frame], scene.body[scene.lead_in + frame].astype(np.float64), exact_within=0.02)
+        hits = query.query(vertices[frame], scene.body[scene.lead_in + frame].astype(np.float64))
         depths.append(np.maximum(-hits.distance, 0.0))
     depth = np.stack(depths)
     apart = None

@@ -60,7 +60,12 @@ def refine_and_judge(
         hits = body.query(vertices)
         before.add(hits.distance)
         refined[t], stats = refiner.refine_hits(vertices, body, hits)
-        after.add(body.query(refined[t]).distance if stats.iterations else hits.distance)
+        distance = hits.distance
+        moved_now = (refined[t] != vertices).any(axis=1)
+        if moved_now.any():
+            distance = distance.copy()
+            distance[moved_now] = body.query(refined[t][moved_now]).distance
+        after.add(distance)
         moved = max(moved, stats.largest_move)
         projected += stats.projected
         touched += stats.inside

@@ -115,7 +115,7 @@ def collision_figures(
         raise ValueError(f"vertices have {len(vertices)} frames, body_vertices {len(body_vertices)}")
     below, near, deepest, frames = 0, 0, 0.0, range(0, len(vertices), stride)
     for t in frames:
-        distance = body.query(vertices[t], body_vertices[t], exact_within=2 * COLLISION_MARGIN).distance
+        distance = body.query(vertices[t], body_vertices[t]).distance
         below += int((distance < 0.0).sum())
         near += int((distance < COLLISION_MARGIN).sum())
         deepest = max(deepest, -float(distance.min()))

@@ -142,7 +142,7 @@ class _Figures:
         }
         contact = Contact()
         for vertices, under in zip(predicted[::stride], body_vertices[::stride], strict=True):
-            contact.add(self.refiner.body.at(under).query(vertices, exact_within=self.refiner.horizon).distance)
+            contact.add(self.refiner.body.at(under).query(vertices).distance)
         return plain | contact.figures("")
 
     def refined(self, predicted: np.ndarray, truth: np.ndarray, body_vertices: np.ndarray) -> dict[str, float]:

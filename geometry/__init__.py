@@ -1,1 +1,4 @@
-"""Mesh topology, rotations and proximity: plain NumPy and SciPy, shared by simulation, models and evaluation."""
+"""Mesh topology, rotations and proximity: shared by simulation, models and evaluation.
+
+Plain NumPy and SciPy; ``geometry.proximity`` looks surfaces up with Warp, on the CPU.
+"""

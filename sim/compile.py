@@ -48,7 +48,7 @@ def compile_kernels(device: str = "auto") -> str:
     target = resolve_device(device)
     for width in WIDTHS:
         load_kernels(target, width)
-    for name in _IMPLICIT:  # the baseline runs on the CPU alone
+    for name in (*_IMPLICIT, "geometry.surface_kernels"):  # the baseline and surface look-ups run on the CPU alone
         wp.load_module(importlib.import_module(name), device="cpu")
     return target
 

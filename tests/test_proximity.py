@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.sparse import coo_matrix
 
-from geometry.proximity import SurfaceQuery, closest_surface, nearest_vertices
+from geometry.proximity import Sheet, SurfaceQuery, closest_surface, nearest_vertices
 
 
 def closest_on_triangle(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -105,16 +106,45 @@ def test_pseudo_normal_of_a_sharp_spike() -> None:
     assert (hits.distance > 0).all()
 
 
-def test_near_queries_stay_exact_where_promised() -> None:
+def test_sheet_knows_its_sides_beyond_the_reach() -> None:
+    # A flat sheet through the solid: its middle is far inside, its rim far outside, and a loose vertex hangs nowhere.
     vertices, faces = bumpy_sphere(40, 60)
-    query = SurfaceQuery(faces, len(vertices))
-    rng = np.random.default_rng(6)
-    points = vertices[rng.integers(len(vertices), size=500)] * rng.uniform(0.5, 2.0, (500, 1))
-    exact, near = query.query(points, vertices), query.query(points, vertices, exact_within=0.05)
-    kept = exact.distance <= 0.05
-    np.testing.assert_array_equal(near.distance[kept], exact.distance[kept])
-    assert (near.distance >= exact.distance - 1e-12).all()
-    assert (near.distance[~kept] > 0.05).all()
+    line = np.linspace(-0.6, 0.6, 61)
+    x, z = np.meshgrid(line, line, indexing="ij")
+    points = np.stack([x, 0.01 + 0.0 * x, z], axis=-1).reshape(-1, 3)
+    index = np.arange(61 * 61).reshape(61, 61)
+    pairs = np.concatenate(
+        [
+            np.stack([index[1:], index[:-1]], -1).reshape(-1, 2),
+            np.stack([index[:, 1:], index[:, :-1]], -1).reshape(-1, 2),
+        ]
+    )
+    points, loose = np.concatenate([points, [[0.02, 0.0, 0.01]]]), 61 * 61
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(loose + 1, loose + 1))
+    posed = SurfaceQuery(faces, len(vertices)).at(vertices)
+    whole, sheet = posed.query(points), posed.query_sheet(points, Sheet((graph + graph.T).tocsr()), 0.03)
+    far = whole.distance > 0.03
+    assert far.sum() > 1000 and (whole.distance < -0.1).sum() > 50
+    np.testing.assert_array_equal(np.isinf(sheet.distance), far)
+    np.testing.assert_array_equal(sheet.face < 0, far)
+    for name in ("distance", "point", "normal"):
+        np.testing.assert_allclose(getattr(sheet, name)[~far], getattr(whole, name)[~far], atol=1e-9)
+    # Edges longer than the reach say nothing: every vertex is then asked for itself.
+    wide = posed.query_sheet(points, Sheet((graph + graph.T).tocsr()), 0.019)
+    np.testing.assert_allclose(wide.distance, whole.distance, atol=1e-9)
+    with pytest.raises(ValueError, match="3722 vertices of the sheet, got 5"):
+        posed.query_sheet(points[:5], Sheet((graph + graph.T).tocsr()), 0.03)
+
+
+def test_two_instants_of_one_surface_do_not_mix() -> None:
+    vertices, faces = bumpy_sphere()
+    query, points, shift = SurfaceQuery(faces, len(vertices)), vertices * 1.1, np.array([0.0, 0.3, 0.0])
+    here, there = query.at(vertices), query.at(vertices + shift)
+    first = here.query(points).distance
+    np.testing.assert_allclose(there.query(points + shift).distance, first, atol=1e-9)
+    np.testing.assert_array_equal(here.query(points).distance, first)
+    vertices += 1.0  # what was asked for stays what it was
+    np.testing.assert_array_equal(here.query(points).distance, first)
 
 
 def test_moves_with_the_mesh_and_survives_slivers() -> None:
