@@ -306,9 +306,14 @@ def _check_models(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
                 allowed = f"allowed are up to its components = {settings['components']}"
                 raise _error(layers, ("models", "shape_descriptor", *key), f"found {code}", allowed)
     kinds = read_yaml(SCHEMA_FILE)["$defs"]["motion_invariant"]["properties"]["kind"]["enum"]
-    for variant, settings in config["models"]["motion_invariant"]["variants"].items():
-        if "kind" not in settings and variant not in kinds:
-            key = ("models", "motion_invariant", "variants", variant)
+    variants = config["models"]["motion_invariant"]["variants"]
+    complete = [name for name, settings in variants.items() if "like" not in settings]
+    for variant, settings in variants.items():
+        key = ("models", "motion_invariant", "variants", variant)
+        if "like" in settings and settings["like"] not in complete:
+            found, allowed = f"found {settings['like']!r}", f"allowed are {', '.join(complete)}"
+            raise _error(layers, (*key, "like"), found, allowed)
+        if "kind" not in settings and "like" not in settings and variant not in kinds:
             raise _error(layers, key, "found no kind", f"a variant of a name of its own needs kind: {', '.join(kinds)}")
     for variant, cvae in config["models"]["motion_cvae"]["variants"].items():
         if "heads" in cvae and cvae["width"] % cvae["heads"]:

@@ -149,7 +149,7 @@ def train_spec(config: Config, model: str, garment: str = "", variant: str = "")
     """
     settings = dict(config["models"][model])
     variant, number = split_seed(variant)
-    spec = _learning(config) | {"model": settings["variants"][variant] if variant else settings}
+    spec = _learning(config) | {"model": variant_settings(settings["variants"], variant) if variant else settings}
     spec["seed"] += number - 1
     if variant:
         spec["variant"] = variant
@@ -158,8 +158,18 @@ def train_spec(config: Config, model: str, garment: str = "", variant: str = "")
     else:
         spec |= _labels(config, learning_clips(config["motions"]))
     if model == "motion_invariant":
-        spec["window"] = settings["variants"][variant].get("window", settings["window"])
+        spec["window"] = spec["model"].get("window", settings["window"])
     return canonical(spec)
+
+
+def variant_settings(variants: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Settings of a variant; one that is ``like`` another holds only what differs from it."""
+    own = dict(variants[name])
+    model = own.pop("like", None)
+    if model is None:
+        return own
+    below = {"kind": model} | variants[model]
+    return below | own | {"training": below["training"] | own.get("training", {})}
 
 
 def trained_variants(config: Config, model: str) -> list[str]:

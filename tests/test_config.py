@@ -176,6 +176,18 @@ CASES = {
         "models: {motion_invariant: {variants: {mine-seed-2: {kind: pooled}}}}",
         ["mine.yaml: models.motion_invariant.variants"],
     ),
+    "like a variant that is not there": (
+        "models: {motion_invariant: {variants: {mine: {like: poled}}}}",
+        ["mine.yaml: models.motion_invariant.variants.mine.like: found 'poled'; allowed are pooled, paper"],
+    ),
+    "like a variant that is like another": (
+        "models: {motion_invariant: {variants: {a: {like: pooled}, b: {like: a}}}}",
+        ["mine.yaml: models.motion_invariant.variants.b.like: found 'a'; allowed are pooled, paper"],
+    ),
+    "neither a whole variant nor like one": (
+        "models: {motion_invariant: {variants: {mine: {kind: pooled, training: {epochs: 3}}}}}",
+        ["mine.yaml: models.motion_invariant.variants.mine.latent: the key is missing; needed are latent, width"],
+    ),
     "a code longer than the components": (
         "models: {shape_descriptor: {curve: {codes: [25, 600]}}}",
         ["mine.yaml: models.shape_descriptor.curve.codes.1: found 600; allowed are up to its components = 512"],
