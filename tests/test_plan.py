@@ -123,30 +123,6 @@ def test_sixteen_parameter_sets_have_clips_of_their_own(config):
         assert names < {clip.name for _, clip in shard_simulations(config, shard)}
 
 
-def test_bodies_have_clips_of_their_own_and_more_of_them_append():
-    config = load_config([CONFIGS / "default.yaml"])
-    config["data"]["bodies"] |= {"samples": 8, "samples_per_shard": 4, "clips": 16}
-    shards = shard_names(config, ("bodies",))
-    assert shards == ["bodies_0000", "bodies_0001"] and set(shards) < set(shard_names(config))
-    before = {shard: spec.simulate_spec(config, "skirt", shard) for shard in shards}
-    pairs = [(number, clip) for shard in shards for number, clip in shard_simulations(config, shard)]
-    assert [number for number, _ in pairs] == [number for number in range(1, 9) for _ in range(16)]
-    rule = SplitRule(**config["data"]["splits"])
-    splits = {}
-    for number, clip in pairs:
-        splits.setdefault(rule.split(0, clip.take_index, clip.label, number), set()).add((number, clip.take))
-    assert set(splits) == {"train", "unseen_motions", "unseen_bodies", "unseen_bodies_and_motions"}
-    bodies = {split: {number for number, _ in found} for split, found in splits.items()}
-    takes = {split: {take for _, take in found} for split, found in splits.items()}
-    assert not (bodies["train"] | bodies["unseen_motions"]) & (bodies["unseen_bodies"])
-    assert not (takes["train"] | takes["unseen_bodies"]) & (takes["unseen_motions"])
-    assert len({clip.name for _, clip in pairs}) > 100, "bodies do not share their clips"
-    config["data"]["bodies"] |= {"samples": 12}
-    assert {shard: spec.simulate_spec(config, "skirt", shard) for shard in shards} == before
-    config["data"]["bodies"] |= {"samples": 0}
-    assert shard_names(config, ("bodies",)) == []
-
-
 def test_a_variant_like_another_differs_where_it_says_so():
     config = load_config([CONFIGS / "default.yaml", CONFIGS / "long.yaml"])
     pooled, shorter = (
