@@ -38,8 +38,9 @@ def simulation_rows(kept: Sequence[Mapping], dropped: Sequence[Mapping]) -> list
     """One row a garment and plan, in order of first appearance.
 
     Args:
-        kept: One mapping a sequence: ``garment``, ``plan``, ``phi``, ``clip``, ``frames`` and any quality figures by
-            the names of the simulation's result (``p99_edge_strain``, ``deepest_penetration_m``, ...).
+        kept: One mapping a sequence: ``garment``, ``plan``, ``phi``, ``clip``, ``frames``, ``body_index`` where there
+            are several bodies, and any quality figures by the names of the simulation's result (``p99_edge_strain``,
+            ``deepest_penetration_m``, ...).
         dropped: One mapping a given-up simulation: ``garment``, ``plan``, ``reason``, ``attempts``.
 
     Returns:
@@ -56,6 +57,7 @@ def simulation_rows(kept: Sequence[Mapping], dropped: Sequence[Mapping]) -> list
             "sequences": len(mine),
             "frames": int(sum(m["frames"] for m in mine)),
             "parameter_sets": len({m["phi"] for m in mine}),
+            "bodies": len({m.get("body_index", 0) for m in mine}),
             "clips": len({m["clip"] for m in mine}),
             "dropped": len(lost),
             "dropped_percent": 100.0 * len(lost) / (len(mine) + len(lost)),

@@ -68,14 +68,29 @@ def garment_weights(
     dense_body = np.zeros((len(marks.vertices), JOINT_COUNT))
     np.add.at(dense_body, (np.arange(len(dense_body))[:, None], body.skin_index), body.skin_weight)
     raw = np.einsum("vk,vkj->vj", hits.barycentric, dense_body[under[hits.face]])
+    smooth = np.maximum(smoothed(raw, vertices, faces, reach, held), 0.0)
+    index = np.argsort(-smooth, axis=1, kind="stable")[:, :WEIGHTS_PER_VERTEX]
+    weight = np.take_along_axis(smooth, index, axis=1)
+    weight /= weight.sum(axis=1, keepdims=True)
+    return index.astype(np.int32), weight.astype(np.float32)
+
+
+def smoothed(
+    values: np.ndarray, vertices: np.ndarray, faces: np.ndarray, reach: np.ndarray, held: np.ndarray
+) -> np.ndarray:
+    """Values on a garment's vertices after one implicit step of diffusion over its mesh.
+
+    Args:
+        values: Shape [V, K].
+        vertices: Garment vertices [m], shape [V, 3].
+        faces: Garment triangles, shape [F, 3].
+        reach: Smoothing length per vertex [m], shape [V].
+        held: Vertices that keep their values, shape [P].
+    """
     topology = MeshTopology.from_faces(faces, len(vertices))
     edge = edge_lengths(vertices, topology.edges).mean()
     # On a triangular lattice the umbrella operator is -(edge^2 / 4) times the Laplace operator.
     strength = 4.0 * (reach / edge) ** 2
     strength[held] = 0.0
     system = sp.identity(len(vertices)) + sp.diags(strength) @ topology.uniform_laplacian()
-    smooth = np.maximum(splu(system.tocsc()).solve(raw), 0.0)
-    index = np.argsort(-smooth, axis=1, kind="stable")[:, :WEIGHTS_PER_VERTEX]
-    weight = np.take_along_axis(smooth, index, axis=1)
-    weight /= weight.sum(axis=1, keepdims=True)
-    return index.astype(np.int32), weight.astype(np.float32)
+    return splu(system.tocsc()).solve(values)

@@ -257,11 +257,12 @@ def _check_motions(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
         clips = plan_clips(motions)
     except (ValueError, OSError) as error:
         raise _error(layers, key, str(error), "correct the source of the motions") from None
-    wanted, rule = config["data"]["materials"]["clips"], config["data"]["splits"]["takes_every"]
-    if wanted > len(clips):
-        raise _error(
-            layers, ("data", "materials", "clips"), f"found {wanted}", f"the motions give {len(clips)} clips at most"
-        )
+    rule = config["data"]["splits"]["takes_every"]
+    for plan in ("materials", "bodies"):
+        wanted = config["data"][plan]["clips"]
+        if wanted > len(clips):
+            allowed = f"the motions give {len(clips)} clips at most"
+            raise _error(layers, ("data", plan, "clips"), f"found {wanted}", allowed)
     takes = 1 + max(c.take_index for c in clips)
     if takes < rule:
         raise _error(
@@ -273,14 +274,16 @@ def _check_motions(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
 
 
 def _check_data(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
-    materials, every = config["data"]["materials"], config["data"]["splits"]["parameters_every"]
-    key, found = ("data", "materials", "samples"), f"found {materials['samples']}"
-    if materials["samples"] < every:
-        raise _error(layers, key, found, f"at least parameters_every = {every}, or no set is held out")
-    size = materials["samples_per_shard"]
-    if materials["samples"] % size:
-        # A shard that is not full would change when samples are added, and be simulated again.
-        raise _error(layers, key, found, f"allowed are multiples of samples_per_shard = {size}")
+    for plan, rule, what in (("materials", "parameters_every", "set"), ("bodies", "bodies_every", "body")):
+        settings, every = config["data"][plan], config["data"]["splits"][rule]
+        samples, size = settings["samples"], settings["samples_per_shard"]
+        key, found = ("data", plan, "samples"), f"found {samples}"
+        if 0 < samples < every:
+            none = ", or 0 for no such data" if plan == "bodies" else ""
+            raise _error(layers, key, found, f"at least {rule} = {every}, or no {what} is held out{none}")
+        if samples % size:
+            # A shard that is not full would change when samples are added, and be simulated again.
+            raise _error(layers, key, found, f"allowed are multiples of samples_per_shard = {size}")
 
 
 def _check_models(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:

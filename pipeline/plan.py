@@ -3,21 +3,22 @@
 Everything is a function of the configuration alone, so that the workflow knows its jobs before the first one runs.
 Clips and parameter sets are numbered so that asking for more appends: an earlier number never changes its meaning.
 
-Two plans per garment (the papers need both kinds of data):
+Three plans per garment (the papers need the first two; both name other bodies as what they lack):
 
 - ``materials`` (Wang 2019): many sampled parameter sets, each on a few clips, as many sets on each;
-- ``motions`` (Shi 2023): the base parameters on every clip.
+- ``motions`` (Shi 2023): the base parameters on every clip;
+- ``bodies``: many sampled body shapes, each in a garment graded to it, base parameters, each on clips of its own.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from datasets.shards import MATERIALS, MOTIONS
+from datasets.shards import BODIES, MATERIALS, MOTIONS
 from datasets.splits import UNSEEN_LABELS, UNSEEN_MOTIONS, UNSEEN_STYLES, SplitRule
 from sim.parameters import ENSEMBLE
 
@@ -166,13 +167,15 @@ def batch_clips(motions: Mapping[str, Any], batch: int) -> list[PlannedClip]:
     return learning_clips(motions)[len(simulated) :][number * size : (number + 1) * size]
 
 
-def shard_names(config: Mapping[str, Any]) -> list[str]:
-    """Names of a garment's shards: ``materials_0000`` ... and ``motions_0000`` ..."""
-    materials = config["data"]["materials"]
-    count = materials["samples"] // materials["samples_per_shard"]
-    return [f"{MATERIALS}_{i:04d}" for i in range(count)] + [
-        f"{MOTIONS}_{i:04d}" for i in range(batch_count(config["motions"]))
-    ]
+def shard_names(config: Mapping[str, Any], plans: Collection[str] = (MATERIALS, MOTIONS, BODIES)) -> list[str]:
+    """Names of a garment's shards of the given plans: ``materials_0000`` ..., ``motions_0000`` ..., ``bodies_0000``."""
+    materials, bodies = config["data"]["materials"], config["data"]["bodies"]
+    counts = {
+        MATERIALS: materials["samples"] // materials["samples_per_shard"],
+        MOTIONS: batch_count(config["motions"]),
+        BODIES: bodies["samples"] // bodies["samples_per_shard"],
+    }
+    return [f"{plan}_{i:04d}" for plan, count in counts.items() if plan in plans for i in range(count)]
 
 
 def shard_plan(shard: str) -> tuple[str, int]:
@@ -191,25 +194,40 @@ def shard_batches(config: Mapping[str, Any], shard: str) -> list[int]:
 
 
 def shard_simulations(config: Mapping[str, Any], shard: str) -> list[tuple[int, PlannedClip]]:
-    """The (parameter set, clip) pairs of a shard; parameter set 0 is the base set."""
+    """The (number, clip) pairs of a shard.
+
+    The number is that of the parameter set, 0 the base set; in the plan of bodies it is that of the body shape.
+    """
     plan, number = shard_plan(shard)
     if plan == MOTIONS:
         return [(0, clip) for clip in batch_clips(config["motions"], number)]
-    materials = config["data"]["materials"]
-    size = materials["samples_per_shard"]
-    sets = range(number * size + 1, (number + 1) * size + 1)
-    return [(phi, clip) for phi in sets for clip in material_clips(config, phi)]
+    size = config["data"][plan]["samples_per_shard"]
+    clips = body_clips if plan == BODIES else material_clips
+    sampled = range(number * size + 1, (number + 1) * size + 1)
+    return [(sample, clip) for sample in sampled for clip in clips(config, sample)]
 
 
 def material_clips(config: Mapping[str, Any], phi: int) -> list[PlannedClip]:
     """The clips that a parameter set is simulated on; none of a label that is held out whole.
 
-    With ``own_clips`` every sixteen sets, which are simulated together, have a run of consecutive clips of their own;
-    its start is spread over all clips by the golden ratio, so that more sets or more clips a set change no earlier one.
-    Otherwise the first clips, the same for all sets (Wang 2019).
+    With ``own_clips`` every sixteen sets, which are simulated together, have a run of clips of their own. Otherwise the
+    first clips, the same for all sets (Wang 2019).
     """
-    materials, rule = config["data"]["materials"], SplitRule(**config["data"]["splits"])
+    materials = config["data"]["materials"]
+    return _run_of_clips(config, (phi - 1) // ENSEMBLE if materials["own_clips"] else 0, materials["clips"])
+
+
+def body_clips(config: Mapping[str, Any], number: int) -> list[PlannedClip]:
+    """The clips that a body shape is simulated on, a run of its own; none of a label that is held out whole."""
+    return _run_of_clips(config, number - 1, config["data"]["bodies"]["clips"])
+
+
+def _run_of_clips(config: Mapping[str, Any], run: int, count: int) -> list[PlannedClip]:
+    """Consecutive clips of the whole run, round the end if need be.
+
+    Where it starts is spread over all clips by the golden ratio: more runs or longer ones change no earlier one.
+    """
+    rule = SplitRule(**config["data"]["splits"])
     clips = [clip for clip in plan_clips(config["motions"]) if not rule.holds_out_label(clip.label)]
-    block = (phi - 1) // ENSEMBLE
-    start = int(block * GOLDEN % 1.0 * len(clips)) if materials["own_clips"] else 0
-    return [clips[(start + i) % len(clips)] for i in range(min(materials["clips"], len(clips)))]
+    start = int(run * GOLDEN % 1.0 * len(clips))
+    return [clips[(start + i) % len(clips)] for i in range(min(count, len(clips)))]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import cache
 
 import numpy as np
 
@@ -18,10 +19,24 @@ def job_body(job: Job) -> Body:
     return Body.load(settings["resolution"]).shaped(settings["shape"])
 
 
+def job_bodies(job: Job) -> Callable[[Sequence], Body]:
+    """The body of each sequence, in the shape that it was simulated in: for readers of the plan of bodies."""
+    plain = Body.load(job.spec["body"]["resolution"])
+
+    @cache
+    def shaped(shape: tuple[float, ...]) -> Body:
+        return plain.shaped(shape)
+
+    return lambda sequence: shaped(tuple(sequence.shape.tolist()))
+
+
 def job_sequences(
     job: Job, paths: Iterable[str], splits: tuple[str, ...] | None = None, plans: tuple[str, ...] | None = None
 ) -> list[Sequence]:
-    """Sequences of the shards among the job's inputs; ``ValueError`` when a split that is asked for is empty."""
+    """Sequences of the shards among the job's inputs; ``ValueError`` when a split that is asked for is empty.
+
+    Where no plans are named, all that are on the run's own body (``datasets.sequences.ONE_BODY``).
+    """
     sequences = load_sequences(paths, SplitRule(**job.spec["splits"]), splits, plans)
     if not sequences:
         wanted = f"splits {', '.join(splits or ('any',))} of plans {', '.join(plans or ('any',))}"

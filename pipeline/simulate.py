@@ -1,25 +1,27 @@
 """Stage ``simulate``: one shard of ground truth.
 
-In: a garment template, motion batches, and in the spec the (parameter set, clip) pairs of the shard. Out: an HDF5
-shard. Sixteen simulations run at a time. One outside the quality bounds is tried again with more substeps; what no
-attempt brings inside is dropped and recorded in the shard, never written as good and never silently missing.
+In: a garment template, motion batches, and in the spec the (parameter set, clip) pairs of the shard; in the plan of
+bodies (body shape, clip) pairs. Out: an HDF5 shard. Sixteen simulations run at a time, all on one body. One outside the
+quality bounds is tried again with more substeps; what no attempt brings inside is dropped and recorded in the shard,
+never written as good and never silently missing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from body.model import Body
-from datasets.shards import MOTIONS, DroppedSimulation, ShardHeader, ShardWriter, SimulatedSequence
+from datasets.shards import BODIES, MATERIALS, DroppedSimulation, ShardHeader, ShardWriter, SimulatedSequence
 from garments.template import GarmentTemplate
+from motions.clip import Clip
 from pipeline.canonical import canonical
 from pipeline.ensembles import Outcome, Planned, simulate_all
 from pipeline.progress import Progress
-from pipeline.simulation_inputs import checked_inputs, naming
+from pipeline.simulation_inputs import SimulationInputs, checked_inputs, inputs_by_body, naming
 from pipeline.stage import Job, run_stage
 from sim.parameters import ENSEMBLE, INTRINSIC_PARAMETERS
 from sim.settings import SimulationSettings
@@ -28,44 +30,69 @@ from sim.simulate import SOLVER_VERSION, Simulator
 
 def main(job: Job) -> None:
     """Simulate every pair of the shard and write what holds."""
-    spec = job.spec
-    inputs = checked_inputs(job)
-    body, template, clips = inputs.body, inputs.template, inputs.clips
-    solver = spec["solver"]
-    settings = SimulationSettings(
-        fps=spec["fps"], device=job.device, settle_seconds=solver["settle"], self_contact=solver["self_contact"]
-    )
-    own_motions = spec["plan"] == MOTIONS
-
-    @cache
-    def simulators(own_motions: bool) -> Simulator:
-        return Simulator(template, body, settings, worlds=ENSEMBLE, own_motions=own_motions)
-
-    with naming(job.inputs[0]):
-        simulators(own_motions)
-
-    planned = [
-        Planned(phi, clips[name], take_index, inputs.leads[name], inputs.parameters[phi])
-        for phi, name, take_index in spec["simulations"]
-    ]
-    frames = sum(one.clip.frames + spec["lead_in"] for one in planned)
+    spec, own = job.spec, checked_inputs(job)
+    parts = inputs_by_body(own, spec)
+    planned = [_planned(spec, inputs) for inputs in parts]
+    frames = sum(one.clip.frames + spec["lead_in"] for part in planned for one in part)
     progress = Progress(f"simulate {spec['garment']} {spec['plan']}", frames, "frames")
-    with ShardWriter(job.outputs[0], shard_header(spec, template, body)) as shard:
-        for outcome in simulate_all(simulators, planned, own_motions, solver, progress):
-            one, result = outcome.planned, outcome.result
-            if result.failure is None:
-                shard.add(simulated_sequence(outcome, body))
-            else:
-                what = f"{spec['garment']} set {one.phi} on {one.clip.name}"
-                print(f"[simulate] dropped {what}: {result.failure}", flush=True)
-                dropped = DroppedSimulation(one.clip.name, one.clip.label, one.phi, result.failure, outcome.attempts)
-                shard.drop(dropped)
+    own_motions = spec["plan"] != MATERIALS
+    simulators = [_simulators(job, inputs) for inputs in parts]
+    if planned[0]:
+        with naming(job.inputs[0]):
+            simulators[0](own_motions)
+    with ShardWriter(job.outputs[0], shard_header(spec, own.template, own.body)) as shard:
+        for inputs, mine in zip(parts, planned):
+            for name, why in inputs.unusable.items():
+                _drop(shard, spec, inputs, 0, inputs.clips[name], why, 0)
+            for outcome in simulate_all(simulators.pop(0), mine, own_motions, spec["solver"], progress):
+                one, result = outcome.planned, outcome.result
+                if result.failure is None:
+                    shard.add(simulated_sequence(outcome, inputs))
+                else:
+                    _drop(shard, spec, inputs, one.phi, one.clip, result.failure, outcome.attempts)
     progress.finish()
 
 
-def simulated_sequence(outcome: Outcome, body: Body) -> SimulatedSequence:
+def _planned(spec: Mapping[str, Any], inputs: SimulationInputs) -> list[Planned]:
+    """The simulations on one body; numbers are those of bodies in their plan, of parameter sets in all others."""
+    planned = []
+    for number, name, take_index in spec["simulations"]:
+        body_index, phi = (number, 0) if spec["plan"] == BODIES else (0, number)
+        if body_index == inputs.body_index and name not in inputs.unusable:
+            one = Planned(phi, inputs.clips[name], take_index, inputs.leads[name], inputs.parameters[phi])
+            planned.append(one)
+    return planned
+
+
+def _simulators(job: Job, inputs: SimulationInputs) -> Callable[[bool], Simulator]:
+    """Simulators of one garment on one body, made when they are asked for."""
+    solver = job.spec["solver"]
+    settings = SimulationSettings(
+        fps=job.spec["fps"],
+        device=job.device,
+        settle_seconds=solver["settle"],
+        self_contact=solver["self_contact"],
+    )
+
+    @cache
+    def simulators(own_motions: bool) -> Simulator:
+        return Simulator(inputs.template, inputs.body, settings, worlds=ENSEMBLE, own_motions=own_motions)
+
+    return simulators
+
+
+def _drop(
+    shard: ShardWriter, spec: Mapping[str, Any], inputs: SimulationInputs, phi: int, clip: Clip, why: str, attempts: int
+) -> None:
+    """Say and record that a simulation is missing."""
+    which = f"body {inputs.body_index}" if spec["plan"] == BODIES else f"set {phi}"
+    print(f"[simulate] dropped {spec['garment']} {which} on {clip.name}: {why}", flush=True)
+    shard.drop(DroppedSimulation(clip.name, clip.label, phi, why, attempts, inputs.body_index))
+
+
+def simulated_sequence(outcome: Outcome, inputs: SimulationInputs) -> SimulatedSequence:
     """A simulation that held, as a shard stores it."""
-    one, clip = outcome.planned, outcome.planned.clip
+    one, clip, body = outcome.planned, outcome.planned.clip, inputs.body
     return SimulatedSequence(
         clip=clip.name,
         take=clip.take,
@@ -81,6 +108,8 @@ def simulated_sequence(outcome: Outcome, body: Body) -> SimulatedSequence:
         lead_root=one.lead[1],
         lead_joints=body.joint_positions(*one.lead),
         quality=outcome.result.quality | {"attempts": outcome.attempts},
+        shape=inputs.shape,
+        body_index=inputs.body_index,
     )
 
 

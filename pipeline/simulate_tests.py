@@ -58,7 +58,7 @@ def main(job: Job) -> None:
         with ShardWriter(path, shard_header(spec | {"plan": plan}, inputs.template, inputs.body)) as shard:
             for outcome in simulate_all(simulators, planned, True, solver, progress):
                 if outcome.result.failure is None:
-                    shard.add(simulated_sequence(outcome, inputs.body))
+                    shard.add(simulated_sequence(outcome, inputs))
                     continue
                 clip, why = outcome.planned.clip, outcome.result.failure
                 print(f"[simulate_tests] dropped {spec['garment']} on {clip.name}: {why}", flush=True)

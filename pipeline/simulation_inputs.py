@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from body.model import Body
+from body.shapes import sampled_shape, scaled_root
+from datasets.shards import BODIES
 from garments.fit import check_size_and_place, check_uncrossed
+from garments.grading import graded
 from garments.template import GarmentTemplate
 from motions.clip import Clip
 from motions.clip_file import read_clips
@@ -28,14 +31,17 @@ from sim.pins import PinSpans
 
 @dataclass(frozen=True)
 class SimulationInputs:
-    """Checked inputs of a shard.
+    """Checked inputs of a shard, or of that part of it which is on one body.
 
     Attributes:
-        body: The body, in the shape of the run.
+        body: The body, in the shape of the run or in a sampled one.
         template: The garment; whether it was made for that body is asked by the simulator.
-        clips: Every clip that the shard simulates, by name.
+        clips: Every clip that is simulated, by name, as this body makes it.
         leads: Pose [L, 24, 3] and root [L, 3] of the lead-in of each clip.
         parameters: Every intrinsic parameter, by the number of the parameter set.
+        shape: Shape coefficients of the body [standard deviations], shape [<= 10].
+        body_index: Number of the body shape, 0 = that of the run.
+        unusable: What cannot be simulated on a sampled body, although the run's own can, and why: by name of the clip.
     """
 
     body: Body
@@ -43,6 +49,9 @@ class SimulationInputs:
     clips: dict[str, Clip]
     leads: dict[str, tuple[np.ndarray, np.ndarray]]
     parameters: dict[int, dict[str, float]]
+    shape: np.ndarray
+    body_index: int = 0
+    unusable: dict[str, str] = field(default_factory=dict)
 
 
 @contextmanager
@@ -88,7 +97,40 @@ def checked_inputs(job: Job) -> SimulationInputs:
             raise ValueError(f"{', '.join(motion_paths)}: clip '{name}' is not there, but is to be simulated")
         with naming(origin[name], f"clip '{name}'"):
             leads[name] = _checked_lead(clips[name], body, pins, spec)
-    return SimulationInputs(body, template, {name: clips[name] for name in used}, leads, parameters)
+    shape = np.asarray(spec["body"]["shape"], dtype=np.float64)
+    return SimulationInputs(body, template, {name: clips[name] for name in used}, leads, parameters, shape)
+
+
+def inputs_by_body(own: SimulationInputs, spec: Mapping[str, Any]) -> list[SimulationInputs]:
+    """Inputs of a shard, one for each body that it simulates: the run's own, or the sampled ones.
+
+    What the run's own body can do and a sampled one cannot, that one goes without, and says why.
+    """
+    if spec["plan"] != BODIES:
+        return [own]
+    clips_of: dict[int, list[str]] = {}
+    for number, name, _ in spec["simulations"]:
+        clips_of.setdefault(number, []).append(name)
+    return [_on_another_body(own, number, names, spec) for number, names in clips_of.items()]
+
+
+def _on_another_body(own: SimulationInputs, number: int, names: list[str], spec: Mapping[str, Any]) -> SimulationInputs:
+    """The run's garment graded to a sampled body, and the clips as that body makes them."""
+    shape = sampled_shape(own.shape, spec["spread"], spec["seed"], number)
+    body = Body.load(spec["body"]["resolution"]).shaped(shape)
+    clips = {name: replace(own.clips[name], root=scaled_root(own.clips[name].root, own.body, body)) for name in names}
+    leads, unusable, template = {}, {}, own.template
+    try:
+        template = graded(own.template, own.body, body)
+    except ValueError as error:
+        unusable = dict.fromkeys(names, str(error))
+    pins = PinSpans(template)
+    for name in names:
+        try:
+            leads[name] = _checked_lead(clips[name], body, pins, spec)
+        except ValueError as error:
+            unusable.setdefault(name, str(error))
+    return SimulationInputs(body, template, clips, leads, own.parameters, shape, number, unusable)
 
 
 def _parameters(spec: Mapping[str, Any]) -> dict[int, dict[str, float]]:
@@ -96,7 +138,9 @@ def _parameters(spec: Mapping[str, Any]) -> dict[int, dict[str, float]]:
         base = base_parameters(spec["base"])
     ranges = {name: tuple(ends) for name, ends in spec.get("ranges", {}).items()}
     sampled = {}
-    for number in dict.fromkeys(number for number, _, _ in spec["simulations"]):
+    # Bodies are simulated with the base parameters: their numbers are not those of parameter sets.
+    numbers = [0] if spec.get("plan") == BODIES else dict.fromkeys(number for number, _, _ in spec["simulations"])
+    for number in numbers:
         with naming("--spec", f"parameter set {number}"):
             sampled[number] = sample_parameters(base, ranges, spec["seed"], spec["garment"], number)
     return sampled

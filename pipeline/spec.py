@@ -77,7 +77,7 @@ def motions_spec(config: Config, batch: int) -> str:
 
 
 def simulate_spec(config: Config, garment: str, shard: str) -> str:
-    """A shard depends on one garment's material, the clips it uses and the solver's settings."""
+    """A shard depends on one garment's material, the clips and bodies it uses and the solver's settings."""
     settings = config["garments"][garment]
     plan, _ = shard_plan(shard)
     simulations = [[phi, clip.name, clip.take_index] for phi, clip in shard_simulations(config, shard)]
@@ -94,6 +94,8 @@ def simulate_spec(config: Config, garment: str, shard: str) -> str:
     }
     if plan == "materials":
         spec["ranges"] = {name: [r["min"], r["max"]] for name, r in settings.get("ranges", {}).items()}
+    if plan == "bodies":
+        spec["spread"] = config["data"]["bodies"]["spread"]
     return canonical(spec)
 
 

@@ -49,6 +49,7 @@ CAPTIONS: dict[str, Caption] = {
             "sequences",
             "frames",
             "parameter_sets",
+            "bodies",
             "clips",
             "dropped",
             "retried",

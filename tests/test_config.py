@@ -156,6 +156,26 @@ CASES = {
         "data: {splits: {parameters_every: 900}}",
         ["data.materials.samples", "or no set is held out"],
     ),
+    "fewer than no body": (
+        "data: {bodies: {samples: -1}}",
+        ["mine.yaml: data.bodies.samples: found -1; allowed is a whole number from 0 to 10000 body shapes"],
+    ),
+    "too few bodies": (
+        "data: {bodies: {samples: 3, samples_per_shard: 1}}",
+        ["mine.yaml: data.bodies.samples: found 3; at least bodies_every = 4, or no body is held out, or 0 for no such data"],
+    ),
+    "bodies that do not fill their shards": (
+        "data: {bodies: {samples: 6}}",
+        ["mine.yaml: data.bodies.samples: found 6; allowed are multiples of samples_per_shard = 4"],
+    ),
+    "bodies that are none": (
+        "data: {bodies: {spread: 5}}",
+        ["mine.yaml: data.bodies.spread: found 5; allowed is", "1.5 standard deviations"],
+    ),
+    "bodies on more clips than there are": (
+        "data: {bodies: {clips: 9999}}",
+        ["data.bodies.clips: found 9999; the motions give"],
+    ),
     "heads": (
         "models: {motion_cvae: {variants: {actor: {heads: 3}}}}",
         ["mine.yaml: models.motion_cvae.variants.actor.heads: found 3; allowed are divisors of width"],

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from datasets.splits import SplitRule
 from pipeline import spec
 from pipeline.canonical import canonical
 from pipeline.config import load_config
@@ -91,7 +92,8 @@ def test_clips_that_are_not_simulated_come_in_batches_of_their_own_and_change_no
 def test_shards_hold_every_simulation_once(config):
     config["data"]["materials"] |= {"samples": 8, "samples_per_shard": 2, "clips": 5, "own_clips": False}
     config["motions"]["clips_per_batch"] = 4
-    pairs = [(phi, clip.name) for shard in shard_names(config) for phi, clip in shard_simulations(config, shard)]
+    shards = shard_names(config, ("materials", "motions"))
+    pairs = [(phi, clip.name) for shard in shards for phi, clip in shard_simulations(config, shard)]
     clips = [clip.name for clip in plan_clips(config["motions"])]
     assert len(pairs) == len(set(pairs))
     held_out = {*config["data"]["splits"]["styles"], *config["data"]["splits"]["labels"]}
@@ -123,6 +125,30 @@ def test_sixteen_parameter_sets_have_clips_of_their_own(config):
         assert names < {clip.name for _, clip in shard_simulations(config, shard)}
 
 
+def test_bodies_have_clips_of_their_own_and_more_of_them_append():
+    config = load_config([CONFIGS / "default.yaml"])
+    config["data"]["bodies"] |= {"samples": 8, "samples_per_shard": 4, "clips": 16}
+    shards = shard_names(config, ("bodies",))
+    assert shards == ["bodies_0000", "bodies_0001"] and set(shards) < set(shard_names(config))
+    before = {shard: spec.simulate_spec(config, "skirt", shard) for shard in shards}
+    pairs = [(number, clip) for shard in shards for number, clip in shard_simulations(config, shard)]
+    assert [number for number, _ in pairs] == [number for number in range(1, 9) for _ in range(16)]
+    rule = SplitRule(**config["data"]["splits"])
+    splits = {}
+    for number, clip in pairs:
+        splits.setdefault(rule.split(0, clip.take_index, clip.label, number), set()).add((number, clip.take))
+    assert set(splits) == {"train", "unseen_motions", "unseen_bodies", "unseen_bodies_and_motions"}
+    bodies = {split: {number for number, _ in found} for split, found in splits.items()}
+    takes = {split: {take for _, take in found} for split, found in splits.items()}
+    assert not (bodies["train"] | bodies["unseen_motions"]) & (bodies["unseen_bodies"])
+    assert not (takes["train"] | takes["unseen_bodies"]) & (takes["unseen_motions"])
+    assert len({clip.name for _, clip in pairs}) > 100, "bodies do not share their clips"
+    config["data"]["bodies"] |= {"samples": 12}
+    assert {shard: spec.simulate_spec(config, "skirt", shard) for shard in shards} == before
+    config["data"]["bodies"] |= {"samples": 0}
+    assert shard_names(config, ("bodies",)) == []
+
+
 def test_a_variant_like_another_differs_where_it_says_so():
     config = load_config([CONFIGS / "default.yaml", CONFIGS / "long.yaml"])
     pooled, shorter = (
@@ -139,11 +165,15 @@ def test_specs_hold_what_determines_a_job_and_nothing_else(config):
     changed["compute"] = {"device": "cuda", "threads": 8}
     changed["models"]["motion_cvae"]["variants"]["dense"]["latent"] = 1
     changed["motions"]["unsimulated"] = 7
+    changed["data"]["splits"]["bodies_every"] = 3
     changed["garments"]["tshirt"]["ranges"]["density"]["max"] = 0.2
     assert {shard: spec.simulate_spec(changed, "skirt", shard) for shard in shard_names(config)} == before
     changed["garments"]["skirt"]["ranges"]["density"]["max"] = 0.2
     after = {shard: spec.simulate_spec(changed, "skirt", shard) for shard in shard_names(config)}
     assert [shard for shard in before if before[shard] != after[shard]] == ["materials_0000"]
+    changed["data"]["bodies"] |= {"spread": 0.5}
+    last = {shard: spec.simulate_spec(changed, "skirt", shard) for shard in shard_names(config)}
+    assert [shard for shard in before if last[shard] != after[shard]] == ["bodies_0000"]
     assert spec.garment_spec(changed, "skirt") == spec.garment_spec(config, "skirt")
 
 

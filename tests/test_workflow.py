@@ -65,7 +65,7 @@ def test_tables_hold_both_garments_and_the_baselines(smoke):
 
 def test_every_planned_simulation_is_kept_or_counted_as_dropped(smoke):
     for row in rows(smoke.results / "tables" / "simulation.csv"):
-        planned = {"materials": 6 * 5, "motions": 18}[row["plan"]]
+        planned = {"materials": 6 * 5, "motions": 18, "bodies": 4 * 3}[row["plan"]]
         assert int(row["sequences"]) + int(row["dropped"]) == planned
 
 
@@ -98,6 +98,21 @@ def test_more_samples_simulate_only_the_new_shards(smoke):
     assert shards == {"shards/skirt/materials_0001.h5", "shards/tshirt/materials_0001.h5"}
 
 
+def test_other_bodies_simulate_only_their_shards(smoke):
+    mine = overlay(smoke, "data: {bodies: {spread: 0.5}}")
+    planned = smoke.planned_outputs(CONFIG, mine)
+    shards = {path for path in planned if path.startswith("shards/")}
+    assert shards == {"shards/skirt/bodies_0000.h5", "shards/tshirt/bodies_0000.h5"}
+    # No model that knows one body reads them.
+    assert not [path for path in planned if path.startswith(("models/", "garments/", "motions/"))]
+    assert "parts/simulation/skirt.csv" in planned
+
+
+def test_no_bodies_are_simulated_where_none_are_asked_for(smoke):
+    mine = overlay(smoke, "data: {bodies: {samples: 0}}")
+    assert not [path for path in smoke.planned_outputs(CONFIG, mine) if path.startswith("shards/")]
+
+
 def test_clips_that_are_not_simulated_are_learned_from_and_simulate_nothing(smoke):
     mine = overlay(smoke, "motions: {unsimulated: 2}")
     planned = smoke.planned_outputs(CONFIG, mine)
@@ -124,7 +139,7 @@ def test_the_plan_of_the_papers_sizes(tmp_path):
     run = workflow.snakemake("all", "--dry-run", "--cores", "2", "--configfile", "configs/paper.yaml")
     assert run.returncode == 0, run.stdout[-3000:]
     stats = dict(line.split()[:2] for line in run.stdout.splitlines() if len(line.split()) == 2)
-    assert int(stats["simulate"]) == 3 * (200 // 40 + -(-1812 // 96))
+    assert int(stats["simulate"]) == 3 * (200 // 40 + -(-1812 // 96) + 64 // 4)
     assert int(stats["motions"]) == -(-1812 // 96)
     assert int(stats["garment"]) == 3
 

@@ -28,16 +28,21 @@ ENVIRONMENT = "../../envs/drapeline.yaml"
 
 wildcard_constraints:
     garment="|".join(GARMENTS),
-    shard=r"(materials|motions)_\d{4}",
+    shard=r"(materials|motions|bodies)_\d{4}",
     batch=r"\d{4}",
     variant="|".join(
         v for m, s in config["models"].items() if "variants" in s for v in spec.trained_variants(config, m)
     ),
 
 
-def shards(wildcards):
-    """All shards of a garment."""
-    return [f"{RESULTS}/shards/{wildcards.garment}/{name}.h5" for name in shard_names(config)]
+def shards(wildcards, plans=("materials", "motions")):
+    """Shards of a garment; where no plans are named, all that are on the run's own body."""
+    return [f"{RESULTS}/shards/{wildcards.garment}/{name}.h5" for name in shard_names(config, plans)]
+
+
+def body_shards(wildcards):
+    """Shards of a garment on sampled bodies; none where the configuration asks for none."""
+    return shards(wildcards, ("bodies",))
 
 
 def test_shards():

@@ -3,7 +3,7 @@
 
 rule evaluate_simulation:
     input:
-        shards=shards,
+        shards=lambda w: shards(w) + body_shards(w),
         code=stage_sources("evaluate_simulation"),
     output:
         part("simulation"),
