@@ -162,7 +162,7 @@ CASES = {
     ),
     "too few bodies": (
         "data: {bodies: {samples: 3, samples_per_shard: 1}}",
-        ["mine.yaml: data.bodies.samples: found 3; at least bodies_every = 4, or no body is held out, or 0 for no such data"],
+        ["data.bodies.samples: found 3; at least bodies_every = 4, or no body is held out, or 0 for no such data"],
     ),
     "bodies that do not fill their shards": (
         "data: {bodies: {samples: 6}}",
@@ -186,7 +186,7 @@ CASES = {
     ),
     "seeds of a variant that is not there": (
         "models: {motion_cvae: {seeds: {best: 3}}}",
-        ["mine.yaml: models.motion_cvae.seeds.best: no such variant; allowed are the variants that are configured: paper, dense"],
+        ["models.motion_cvae.seeds.best: no such variant; allowed are the variants that are configured: paper, dense"],
     ),
     "no seed": (
         "models: {motion_cvae: {seeds: {dense: 0}}}",
