@@ -31,6 +31,7 @@ NEAR_GROUND = 0.012  # [m] up to which the lowest point of a slow foot was meant
 FASTEST = 0.2  # [m/s] a foot near the ground that is faster is swung along it, lands or leaves
 LIFT = 0.002  # [m] above the height of a contact, to which a swung foot is lifted
 SHORTEST_FLIGHT = 2  # [frames] between two contacts; a foot that leaves the ground for less has not left it
+SAMPLE = 32  # points of the sole that say how far it slid
 SETTLING = 0.06  # [s] over which the pelvis is lowered
 LEGS = tuple(tuple(JOINT_INDEX[f"{side}_{joint}"] for joint in ("hip", "knee", "ankle")) for side in SIDES)
 ANKLES = tuple(leg[2] for leg in LEGS)
@@ -117,15 +118,19 @@ def _drift(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     height = np.maximum(above[1:], above[:-1])
     low = height < np.maximum(height.min(axis=1, keepdims=True), CONTACT_HEIGHT)
     low |= height == height.min(axis=1, keepdims=True)
-    step = np.diff(points[..., [0, 2]], axis=0)  # [T - 1, S, 2]
     # The step that a quarter of the lowest points share best, as ``quality.sliding_speed`` asks: a foot that rolls or
-    # bends its toes does not slide, as long as a part of it rests.
-    apart = np.linalg.norm(step[:, :, None] - step[:, None], axis=-1)
-    apart = np.sort(np.where(low[:, None], apart, np.inf), axis=2)
-    quarter = np.ceil(0.25 * low.sum(axis=1)).astype(int) - 1
-    together = np.take_along_axis(apart, quarter[:, None, None], axis=2)[..., 0]
-    resting = np.where(low, together, np.inf).argmin(axis=1)
-    return step[np.arange(len(step)), resting], lowest
+    # bends its toes does not slide, as long as a part of it rests. A sample of these points tells as much as all do.
+    spread = np.linspace(0.0, 1.0, SAMPLE, endpoint=False)
+    ranks = (spread * low.sum(axis=1, keepdims=True)).astype(int)
+    chosen = np.take_along_axis(np.argsort(~low, axis=1, kind="stable"), ranks, axis=1)  # [T - 1, SAMPLE]
+    frame = np.arange(len(chosen))[:, None]
+    ground = points[..., [0, 2]]
+    step = ground[frame + 1, chosen] - ground[frame, chosen]
+    x, z = step[..., 0], step[..., 1]
+    apart = np.square(x[:, :, None] - x[:, None]) + np.square(z[:, :, None] - z[:, None])
+    quarter = SAMPLE // 4 - 1
+    together = np.partition(apart, quarter, axis=2)[..., quarter]
+    return step[frame[:, 0], together.argmin(axis=1)], lowest
 
 
 def _stretches(touching: np.ndarray) -> list[tuple[int, int]]:
