@@ -18,8 +18,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from geometry.topology import MeshTopology
 
-MOST_SHARE = 0.1
-"""Share of the vertices up to which their rows are used; with more of them a new factorisation is cheaper."""
+MOST_SHARE, MOST_HANDLES = 0.25, 600
+"""Share and number of the vertices up to which their rows are used; with more a new factorisation is cheaper."""
 
 MOST_BYTES = 256 * 2**20
 """Memory that the kept rows may take."""
@@ -51,7 +51,7 @@ class HandleSolver:
 
     def solve(self, vertices: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         """Displacements [m], shape [V, 3], for those that ``wanted [C, 3]`` gives to the distinct ``vertices [C]``."""
-        if len(vertices) > min(MOST_SHARE * self.vertex_count, len(self._rows)):
+        if len(vertices) > min(MOST_SHARE * self.vertex_count, MOST_HANDLES, len(self._rows)):
             return self.solve_anew(vertices, wanted)
         rows = self._rows_of(vertices)
         among = rows[:, vertices].astype(np.float64)

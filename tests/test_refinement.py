@@ -7,6 +7,8 @@ import pytest
 
 from geometry.proximity import SurfaceQuery
 from geometry.topology import MeshTopology
+from models.handle_solver import HandleSolver
+from models.last_resort import project_out
 from models.refinement import RefinementSettings, Refiner, refine_sequence
 
 
@@ -140,11 +142,70 @@ def test_vertex_whose_closest_surface_is_buried_is_drawn_out() -> None:
         # The last step alone, with closest points that are no help at all.
         inside = query.query(vertices, scene).distance < 0.0
         buried = scene[: len(ball)].mean(0) + np.zeros_like(vertices)
-        out, moved, left = refiner._project(refiner.body.at(scene), vertices, inside, buried, np.zeros_like(vertices))
+        at = refiner.body.at(scene)
+        nowhere = np.zeros_like(vertices)
+        out, moved, left = project_out(at, topology.edges, vertices, inside, buried, nowhere, 0.003)
         assert moved == inside.sum() and left == 0
         assert query.query(out, scene).distance.min() >= 0.0
         drawn += moved
     assert drawn > 50
+
+
+def test_displacements_equal_those_of_the_whole_system(monkeypatch: pytest.MonkeyPatch) -> None:
+    vertices, topology = sheet(20)
+    rng = np.random.default_rng(1)
+    laplacian = topology.uniform_laplacian().toarray()
+    solver = HandleSolver(topology, weight=100.0, anchor=1e-3)
+    for count in (1, 30, 95):
+        held = rng.choice(len(vertices), count, replace=False)
+        wanted = 0.02 * rng.standard_normal((count, 3))
+        matrix = laplacian.T @ laplacian + 1e-3 * np.eye(len(vertices))
+        matrix[held, held] += 100.0
+        right = np.zeros_like(vertices)
+        right[held] = 100.0 * wanted
+        full = np.linalg.solve(matrix, right)
+        np.testing.assert_allclose(solver.solve(held, wanted), full, atol=1e-6)
+        np.testing.assert_allclose(solver.solve_anew(held, wanted), full, atol=1e-9)
+    # With room for a part of the rows the first ones make way for the next; with too many handles none are used.
+    monkeypatch.setattr("models.handle_solver.MOST_BYTES", 40 * 4 * len(vertices))
+    small = HandleSolver(topology, weight=100.0, anchor=1e-3)
+    for held in (np.arange(25), np.arange(20, 50), np.arange(25), np.arange(95)):
+        wanted = 0.02 * rng.standard_normal((len(held), 3))
+        np.testing.assert_allclose(small.solve(held, wanted), small.solve_anew(held, wanted), atol=1e-6)
+
+
+def test_no_vertex_is_left_inside_awkward_bodies() -> None:
+    # Limbs that cross each other, a sheet that hangs through both of them, coarse (edges beyond the horizon) and fine.
+    limb, faces = solid(16, 14, radius=0.05, half_length=0.3)
+    rng = np.random.default_rng(5)
+    across = limb[:, [2, 0, 1]] + [0.0, 0.02, 0.0]
+    body = np.concatenate([limb, across])
+    both = np.concatenate([faces, faces + len(limb)])
+    query = SurfaceQuery(both, len(body))
+    inside = deep = 0
+    for side in (9, 30):
+        vertices, topology = sheet(side, size=0.5)
+        refiner = Refiner(topology, both, len(body), RefinementSettings(clearance=0.002))
+        for turn in range(6):
+            angle = 0.3 * turn
+            tilt = np.array([[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+            posed = vertices @ tilt + 0.03 * rng.standard_normal(3)
+            refined, stats = refiner.refine_frame(posed, body)
+            before = query.query(posed, body).distance
+            assert stats.inside == (before < 0.0).sum() and stats.inside_after == 0
+            assert query.query(refined, body).distance.min() >= 0.0
+            inside, deep = inside + stats.inside, deep + (before < -0.02).sum()
+    assert inside > 300 and deep > 50
+
+
+def test_what_is_far_from_the_collision_stays() -> None:
+    # The prediction is right there: error against the truth grew when a push spread over half of the garment.
+    vertices, topology = sheet()
+    ball, faces = solid(16, 24, radius=0.1)
+    refined, _ = refine_sequence(vertices[None], (ball - [0.0031, 0.085, 0.0047])[None], topology, faces)
+    move = np.linalg.norm(refined[0] - vertices, axis=1)
+    reach = np.linalg.norm(vertices[:, [0, 2]] + [0.0031, 0.0047], axis=1)  # the ball touches up to 53 mm
+    assert move[reach > 0.053 + 6 * 0.025].max() < 0.08 * move.max()
 
 
 def test_result_moves_with_the_scene() -> None:
