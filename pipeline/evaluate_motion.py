@@ -14,7 +14,7 @@ from evaluation.seeds import average_seeds, split_seed
 from evaluation.table import Row, read_table, write_table
 from models.motion_fitting import load_motion_cvae, load_recognition
 from models.motion_generator import MotionGenerator
-from pipeline.motion_data import labelled_poses, split_clips
+from pipeline.motion_data import labelled_motions, split_clips
 from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage
 
@@ -32,11 +32,10 @@ def main(job: Job) -> None:
         _name(path): _budget(spec["motion_cvae"]["variants"][split_seed(Path(path).stem)[0]], models[_name(path)], rows)
         for path, rows in zip(paths, losses, strict=True)
     }
-    sets = {}
-    for held_out in (False, True):
-        poses, labels = labelled_poses(job, motions, held_out)
-        sets[held_out] = MotionSet(poses, tuple(labels), spec["fps"])
-    train, test = sets[False], sets[True]
+    clips, held_out = split_clips(job, motions)
+    train, test = (
+        MotionSet(poses, tuple(labels), spec["fps"]) for poses, labels, _ in map(labelled_motions, (clips, held_out))
+    )
     print(f"[motion] {len(train.labels)} training and {len(test.labels)} held-out clips", flush=True)
     rows = reconstruction_rows(models, train, test, body)
     rows = [row | budgets.get(row["method"], {}) for row in rows]
@@ -54,7 +53,7 @@ def main(job: Job) -> None:
     print("[motion] generation done", flush=True)
     frames = train.pose6d.shape[1]
     generated = {name: m.sample_motions(test.labels, frames, sampling(spec["seed"], 0)) for name, m in models.items()}
-    rows = quality_rows(split_clips(job, motions, held_out=True), generated, body)
+    rows = quality_rows(held_out, generated, body)
     write_table(job.outputs[2], average_seeds(rows, []))
 
 

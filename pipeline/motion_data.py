@@ -19,23 +19,20 @@ from motions.planting import plant_feet
 from pipeline.stage import Job
 
 
-def split_clips(job: Job, paths: Iterable[str], held_out: bool) -> list[Clip]:
-    """The clips of one side of the split; ``ValueError`` where there is none."""
+def split_clips(job: Job, paths: Iterable[str]) -> tuple[list[Clip], list[Clip]]:
+    """The clips to learn from and those that are held out; ``ValueError`` where a side has none."""
     excluded = set(job.spec["held_out_clips"])
-    clips = [clip for path in paths for clip in read_clips(path) if (clip.name in excluded) == held_out]
-    if not clips:
-        raise ValueError(f"motions: no clip is {'held out' if held_out else 'left to train on'}")
-    return clips
+    clips = [clip for path in paths for clip in read_clips(path)]
+    sides = tuple([clip for clip in clips if (clip.name in excluded) == held_out] for held_out in (False, True))
+    for side, name in zip(sides, ("left to train on", "held out"), strict=True):
+        if not side:
+            raise ValueError(f"motions: no clip is {name}")
+    return sides
 
 
-def labelled_poses(job: Job, paths: Iterable[str], held_out: bool) -> tuple[np.ndarray, list[str]]:
-    """Poses of the clips of one side of the split in the 6-D form, shape [N, T, 24, 6], and their labels."""
-    return labelled_motions(job, paths, held_out)[:2]
-
-
-def labelled_motions(job: Job, paths: Iterable[str], held_out: bool) -> tuple[np.ndarray, list[str], np.ndarray]:
-    """As ``labelled_poses``, with the root translations [m], shape [N, T, 3]."""
-    clips = split_clips(job, paths, held_out)
+def labelled_motions(clips: Iterable[Clip]) -> tuple[np.ndarray, list[str], np.ndarray]:
+    """Poses of clips in the 6-D form, shape [N, T, 24, 6], their labels and root translations [m], shape [N, T, 3]."""
+    clips = list(clips)
     poses = np.stack([axis_angle_to_6d(c.pose) for c in clips]).astype(np.float32)
     return poses, [c.label for c in clips], np.stack([c.root for c in clips])
 

@@ -6,7 +6,7 @@ In: all motion batches. Out: a model file and the table of losses.
 from __future__ import annotations
 
 from models.motion_fitting import fit_motion_cvae, save_motion_cvae, variant_config
-from pipeline.motion_data import labelled_motions
+from pipeline.motion_data import labelled_motions, split_clips
 from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage
 from pipeline.training_job import TrainingProgress, training_settings, work_dir
@@ -15,7 +15,7 @@ from pipeline.training_job import TrainingProgress, training_settings, work_dir
 def main(job: Job) -> None:
     """Train and save."""
     model, variant = job.spec["model"], job.spec["variant"]
-    poses, labels, root = labelled_motions(job, job.inputs, held_out=False)
+    (poses, labels, root), held_out = (labelled_motions(clips) for clips in split_clips(job, job.inputs))
     sizes = {name: value for name, value in model.items() if name not in ("batch", "training")}
     cvae, _ = fit_motion_cvae(
         poses,
@@ -25,7 +25,7 @@ def main(job: Job) -> None:
         training_settings(job, model),
         model["batch"],
         work_dir(job.outputs[1]),
-        validation=labelled_motions(job, job.inputs, held_out=True),
+        validation=held_out,
         progress=TrainingProgress(f"motion CVAE {variant}"),
         root=root,
     )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from models.motion_fitting import fit_recognition, save_recognition
 from models.recognition import RecognitionConfig
-from pipeline.motion_data import labelled_poses
+from pipeline.motion_data import labelled_motions, split_clips
 from pipeline.stage import Job, run_stage
 from pipeline.training_job import TrainingProgress, settings_of, training_settings, work_dir
 
@@ -15,13 +15,15 @@ from pipeline.training_job import TrainingProgress, settings_of, training_settin
 def main(job: Job) -> None:
     """Train and save."""
     model = job.spec["model"]
+    (poses, labels, _), (*held_out, _) = (labelled_motions(clips) for clips in split_clips(job, job.inputs))
     network, _ = fit_recognition(
-        *labelled_poses(job, job.inputs, held_out=False),
+        poses,
+        labels,
         settings_of(RecognitionConfig, model, labels=tuple(job.spec["labels"])),
         training_settings(job, model),
         model["batch"],
         work_dir(job.outputs[1]),
-        validation=labelled_poses(job, job.inputs, held_out=True),
+        validation=held_out,
         progress=TrainingProgress("recognition"),
     )
     save_recognition(job.outputs[0], network)

@@ -19,7 +19,7 @@ from motions.figure import Figure, farthest_reach, solve_leg
 from motions.lead_in import lead_in
 from motions.mirror import mirror
 from motions.procedural import DEFAULT_LABELS, LABELS, MAX_JOINT_SPEED, generate_clip
-from motions.quality import joint_velocity, measure, sliding_speed, sole_points
+from motions.quality import CONTACT_HEIGHT, joint_velocity, measure, sliding_speed, sole_points
 from motions.timing import minimum_jerk, rotation_about
 
 
@@ -173,6 +173,18 @@ def test_planted_foot_pivots_about_its_ball(body: Body) -> None:
 def test_minimum_jerk_is_at_rest_at_its_ends() -> None:
     s = np.array([-1.0, 0.0, 1e-4, 0.5, 1.0 - 1e-4, 1.0, 2.0])
     np.testing.assert_allclose(minimum_jerk(s), [0, 0, 1e-11, 0.5, 1, 1, 1], atol=1e-10)
+
+
+def test_sliding_speed_is_the_lower_quartile_of_what_touches() -> None:
+    generator = np.random.default_rng(3)
+    points = generator.uniform(0.0, 0.04, (40, 9, 3))
+    low = points[..., 1] < CONTACT_HEIGHT
+    speed = np.linalg.norm(np.diff(points[..., [0, 2]], axis=0), axis=-1) * 30.0
+    speed[~(low[1:] & low[:-1])] = np.nan
+    touching = np.isfinite(speed).any(axis=1)
+    expected = np.array([np.nanpercentile(row, 25.0) if any_ else 0.0 for row, any_ in zip(speed, touching)])
+    assert 5 < touching.sum() < 39
+    np.testing.assert_allclose(sliding_speed(points, 30.0), expected)
 
 
 def test_sliding_speed_sees_a_slide_but_not_a_step() -> None:
