@@ -216,3 +216,6 @@ def test_runtime_sums_its_parts_and_finds_vertices_inside(template):
     refined = runtime.refinement_row(body, small, clip, repetitions=1)
     assert refined["vertices"] == 250 and refined["median_ms"] > 0.0
     assert int(refined["model"].removesuffix(" inside")) > 0
+    assert refined["first_ms"] > 0.0 and {row["part"] for row in rows} | {refined["part"]} >= runtime.GOALS.keys() - {
+        "decode from the intrinsic space"
+    }
