@@ -15,6 +15,7 @@ from evaluation.metrics import edge_strain
 from evaluation.table import Row
 from geometry.topology import edge_lengths
 from models.pca import Pca
+from models.plausible_codes import PlausibleCodes
 from models.shape_descriptor import ShapeDescriptor, decode_all, encode_all
 
 NOISE = 0.010
@@ -23,6 +24,9 @@ PULL, PULLED_RADIUS = 0.20, 0.10
 """How far a place is pulled out, and how wide it is [m]."""
 INFLATION = 1.5
 """Growth of an inflated garment across its axis [1]."""
+
+PLAUSIBLE = "plausible code"
+"""What the option of the projection is called in tables and pictures."""
 
 
 def interpolation_rows(
@@ -109,15 +113,22 @@ def projection_rows(
 ) -> list[Row]:
     """Implausible shapes as they are, through each descriptor and PCA, and as the nearest frame of ``training``.
 
+    Each descriptor stands there twice: as it is, and with its code moved to the nearest one that ``training`` holds
+    plausible. The frames themselves are among the shapes, ``as simulated``: what is plausible should stay as it is.
+
     Returns:
         Rows with the strain, ``moved_mm`` (RMS distance to the shape as given) and ``nearest_mm`` (RMS distance to the
         nearest training frame, the smaller the more like the data); means over shapes.
     """
     search = NearestFrames(training)
     rows = []
-    for kind, shapes in implausible_shapes(frames, template, seed).items():
+    plausible = [PlausibleCodes.of(encode_all(m, training)) for m in modules]
+    for kind, shapes in {"as simulated": frames, **implausible_shapes(frames, template, seed)}.items():
         methods: list[tuple[str, int | None, np.ndarray]] = [("as given", None, shapes)]
-        methods += [(method_name(m), m.config.code, decode_all(m, encode_all(m, shapes))) for m in modules]
+        for module, near in zip(modules, plausible, strict=True):
+            codes, name, length = encode_all(module, shapes), method_name(module), module.config.code
+            methods.append((name, length, decode_all(module, codes)))
+            methods.append((f"{name}, {PLAUSIBLE}", length, decode_all(module, near.nearest(codes))))
         if pca is not None:
             flat = pca.decode(pca.encode(shapes.reshape(len(shapes), -1)))
             methods.append(("PCA", len(pca.components), flat.reshape(shapes.shape)))

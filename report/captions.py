@@ -121,7 +121,9 @@ CAPTIONS: dict[str, Caption] = {
         "Implausible shapes",
         "Held-out frames with noise of 10 mm, with a place pulled out by 20 cm, inflated by half, and torn into halves "
         "of two frames: as given, through each descriptor, through PCA of equal dimension, and as the nearest training "
-        "frame. Less strain and a smaller distance to the nearest training frame are more plausible.",
+        "frame. Plausible code (ours): the descriptor is moved to the nearest one inside the ellipsoid of half of the "
+        "training's. Less strain and a smaller distance to the nearest training frame are more plausible; as simulated "
+        "are the frames before anything was done to them.",
         "Wang 2019, Figure 9.",
         _made("evaluate_shape_descriptor", "evaluation/descriptor_shapes.py", "descriptor_projection"),
         "Named in each group.",
