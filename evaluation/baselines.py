@@ -13,9 +13,10 @@ from typing import Protocol
 import numpy as np
 
 from body.model import Body, skin
-from datasets.sequences import Sequence, from_canonical, to_canonical
+from datasets.sequences import Sequence
 from evaluation.ridge import Ridge
 from garments.template import GarmentTemplate
+from geometry.rotations import axis_angle_to_matrix
 from models.motion_features import sequence_track, track_features
 
 HISTORY_OFFSETS = (0, 1, 2, 3, 5, 7, 10, 14)
@@ -44,19 +45,16 @@ class Baseline(Protocol):
 class MeanShape:
     """The mean canonical garment, carried by the pelvis."""
 
-    def __init__(self, body: Body) -> None:
-        self.body = body
-
     def fit(self, sequences: Many[Sequence]) -> MeanShape:
         """Average the canonical vertices over all frames."""
-        total = sum(_canonical(s, self.body).sum(axis=0, dtype=np.float64) for s in _checked(sequences))
+        total = sum(_canonical(s.vertices, s).sum(axis=0, dtype=np.float64) for s in _checked(sequences))
         self.mean = (total / sum(s.frames for s in sequences)).astype(np.float32)
         return self
 
     def predict(self, sequence: Sequence) -> np.ndarray:
         """The same shape in every frame."""
         shape = np.broadcast_to(self.mean, (sequence.frames, *self.mean.shape))
-        return from_canonical(shape, sequence.pose, sequence.root, self.body)
+        return _world(shape, sequence)
 
 
 class SkinnedTemplate:
@@ -68,20 +66,20 @@ class SkinnedTemplate:
     def fit(self, sequences: Many[Sequence]) -> SkinnedTemplate:
         """Average what skinning leaves unexplained."""
         total = sum(
-            (_canonical(s, self.body) - self._skinned(s)).sum(axis=0, dtype=np.float64) for s in _checked(sequences)
+            (_canonical(s.vertices, s) - self._skinned(s)).sum(axis=0, dtype=np.float64) for s in _checked(sequences)
         )
         self.residual = (total / sum(s.frames for s in sequences)).astype(np.float32)
         return self
 
     def predict(self, sequence: Sequence) -> np.ndarray:
         """Skinned template with the mean residual."""
-        return from_canonical(self._skinned(sequence) + self.residual, sequence.pose, sequence.root, self.body)
+        return _world(self._skinned(sequence) + self.residual, sequence)
 
     def _skinned(self, sequence: Sequence) -> np.ndarray:
         template = self.template
         transforms = self.body.joint_transforms(sequence.pose, sequence.root)
         world = skin(template.vertices, template.skin_index, template.skin_weight, transforms)
-        return to_canonical(world, sequence.pose, sequence.root, self.body)
+        return _canonical(world, sequence)
 
 
 class RidgeRegression:
@@ -94,8 +92,8 @@ class RidgeRegression:
         rotations: Whether the joints' rotations are among the features of past frames too.
     """
 
-    def __init__(self, body: Body, offsets: tuple[int, ...] = HISTORY_OFFSETS, rotations: bool = False) -> None:
-        self.body, self.offsets, self.rotations = body, offsets, rotations
+    def __init__(self, offsets: tuple[int, ...] = HISTORY_OFFSETS, rotations: bool = False) -> None:
+        self.offsets, self.rotations = offsets, rotations
 
     def fit(self, sequences: Many[Sequence]) -> RidgeRegression:
         """Gather the sums sequence by sequence, choose the penalty on held-out takes, solve."""
@@ -103,7 +101,7 @@ class RidgeRegression:
         held_out = set(takes[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY])
         self.ridge = Ridge()
         for s in sequences:
-            targets = _canonical(s, self.body).reshape(s.frames, -1)
+            targets = _canonical(s.vertices, s).reshape(s.frames, -1)
             self.ridge.add(self._features(s), targets, held_out=s.take in held_out)
         self.ridge.fit()
         return self
@@ -111,7 +109,7 @@ class RidgeRegression:
     def predict(self, sequence: Sequence) -> np.ndarray:
         """The linear map of the features, frame by frame."""
         canonical = self.ridge.predict(self._features(sequence)).reshape(sequence.frames, -1, 3)
-        return from_canonical(canonical, sequence.pose, sequence.root, self.body)
+        return _world(canonical, sequence)
 
     def _features(self, sequence: Sequence) -> np.ndarray:
         """Features of the recorded frames, shape [T, D]."""
@@ -129,8 +127,8 @@ class RidgeRegression:
 class PcaFloor:
     """The truth projected on the first principal components of the training shapes."""
 
-    def __init__(self, body: Body, dimensions: int) -> None:
-        self.body, self.dimensions = body, dimensions
+    def __init__(self, dimensions: int) -> None:
+        self.dimensions = dimensions
 
     def fit(self, sequences: Many[Sequence]) -> PcaFloor:
         """Principal components of frames spread evenly over the training set."""
@@ -138,7 +136,7 @@ class PcaFloor:
         step = max(1, -(-frames // MOST_PCA_FRAMES))
         first, shapes = 0, []
         for s in sequences:
-            shapes.append(_canonical(s, self.body)[(-first) % step :: step])
+            shapes.append(_canonical(s.vertices, s)[(-first) % step :: step])
             first += s.frames
         flat = np.concatenate(shapes).reshape(sum(map(len, shapes)), -1)
         self.mean = flat.mean(axis=0)
@@ -152,9 +150,9 @@ class PcaFloor:
 
     def predict(self, sequence: Sequence) -> np.ndarray:
         """The nearest shape in the space to the *true* one."""
-        flat = _canonical(sequence, self.body).reshape(sequence.frames, -1) - self.mean
+        flat = _canonical(sequence.vertices, sequence).reshape(sequence.frames, -1) - self.mean
         near = (flat @ self.components.T) @ self.components + self.mean
-        return from_canonical(near.reshape(sequence.frames, -1, 3), sequence.pose, sequence.root, self.body)
+        return _world(near.reshape(sequence.frames, -1, 3), sequence)
 
 
 class SimulatedAgain:
@@ -181,12 +179,12 @@ def fit_baselines(
 ) -> dict[str, Callable[[Sequence], np.ndarray]]:
     """All baselines fitted on one garment's training sequences: name -> predictor, from the weakest to the floor."""
     baselines: dict[str, Baseline] = {
-        "mean shape": MeanShape(body),
+        "mean shape": MeanShape(),
         "linear blend skinning + mean residual": SkinnedTemplate(body, template),
-        "ridge, current pose": RidgeRegression(body, ()),
-        "ridge, pose history": RidgeRegression(body),
-        "ridge, pose history with rotations": RidgeRegression(body, ROTATION_OFFSETS, rotations=True),
-        f"PCA-{pca_dimensions} of the truth (floor)": PcaFloor(body, pca_dimensions),
+        "ridge, current pose": RidgeRegression(()),
+        "ridge, pose history": RidgeRegression(),
+        "ridge, pose history with rotations": RidgeRegression(ROTATION_OFFSETS, rotations=True),
+        f"PCA-{pca_dimensions} of the truth (floor)": PcaFloor(pca_dimensions),
     }
     return {name: baseline.fit(sequences).predict for name, baseline in baselines.items()}
 
@@ -200,8 +198,19 @@ def history(features: np.ndarray, offsets: tuple[int, ...], frames: np.ndarray) 
     return features[index].reshape(len(index), -1)
 
 
-def _canonical(sequence: Sequence, body: Body) -> np.ndarray:
-    return to_canonical(sequence.vertices, sequence.pose, sequence.root, body)
+def _pelvis(sequence: Sequence) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation [T, 3, 3] and position [T, 3] of the sequence's own pelvis, whichever body has it."""
+    return axis_angle_to_matrix(sequence.pose[:, 0]), np.asarray(sequence.joints[:, 0], dtype=np.float64)
+
+
+def _canonical(world: np.ndarray, sequence: Sequence) -> np.ndarray:
+    rotation, position = _pelvis(sequence)
+    return np.matmul(world - position[:, None], rotation).astype(np.float32)
+
+
+def _world(canonical: np.ndarray, sequence: Sequence) -> np.ndarray:
+    rotation, position = _pelvis(sequence)
+    return (np.matmul(canonical, np.swapaxes(rotation, 1, 2)) + position[:, None]).astype(np.float32)
 
 
 def _checked(sequences: Many[Sequence]) -> Many[Sequence]:

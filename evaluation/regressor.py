@@ -56,22 +56,24 @@ class RegressorEvaluation:
 def regressor_rows(
     sequences: Many[Sequence],
     predictors: Mapping[str, Predictor],
-    body: Body,
+    body: Body | Callable[[Sequence], Body],
     template: GarmentTemplate,
     settings: RegressorEvaluation | None = None,
     progress: Callable[[int], None] | None = None,
     refined: Collection[str] = (),
+    rest: Callable[[Sequence], np.ndarray] | None = None,
 ) -> list[Row]:
     """Evaluate all predictors on all sequences.
 
     Args:
         sequences: Test sequences of the template's garment, of any splits.
         predictors: Methods by name, in table order. ``lambda s: s.vertices`` adds the simulation itself.
-        body: The body that the sequences were simulated on.
+        body: The body that the sequences were simulated on, or that of each.
         template: The garment.
         settings: Strides and weights.
         progress: Called with 1 after each sequence and method.
         refined: Methods that are refined as well; it costs more than all else.
+        rest: Rest shape [m], [V, 3], of a sequence's garment; the template's where None.
 
     Returns:
         Rows, split by split in order of first appearance.
@@ -79,7 +81,8 @@ def regressor_rows(
     Raises:
         ValueError: A sequence of another garment, or a prediction of a wrong shape or with values that are not finite.
     """
-    figures = _Figures(body, template, settings or RegressorEvaluation())
+    body_of = body if callable(body) else lambda _: body
+    figures = _Figures(template, settings or RegressorEvaluation())
     collected: dict[tuple[str, str], list[dict[str, float]]] = {
         (split, method): [] for split in dict.fromkeys(s.split for s in sequences) for method in predictors
     }
@@ -87,7 +90,7 @@ def regressor_rows(
     for number, sequence in enumerate(sequences):
         if sequence.garment != template.name:
             raise ValueError(f"evaluation of garment '{template.name}': got a sequence of '{sequence.garment}'")
-        body_vertices = body.posed(sequence.pose, sequence.root)
+        worn = _Worn(body_of(sequence), sequence, template.vertices if rest is None else rest(sequence))
         for method, predict in predictors.items():
             predicted = predict(sequence)
             if predicted is not None:
@@ -95,9 +98,9 @@ def regressor_rows(
                 _check(predicted, sequence, method)
                 found = figures.errors(predicted, sequence.vertices)
                 if number in whole:
-                    found |= figures.of(predicted, sequence.vertices, body_vertices)
+                    found |= figures.of(predicted, sequence.vertices, worn)
                 if method in refined:
-                    found |= figures.refined(predicted, sequence.vertices, body_vertices)
+                    found |= figures.refined(predicted, sequence.vertices, worn)
                 collected[sequence.split, method].append(found)
             if progress is not None:
                 progress(1)
@@ -106,14 +109,29 @@ def regressor_rows(
     ]
 
 
+class _Worn:
+    """The body under one sequence's garments, and the garment's rest shape."""
+
+    def __init__(self, body: Body, sequence: Sequence, rest: np.ndarray) -> None:
+        self.faces, self.rest = body.faces, rest
+        self.vertices = body.posed(sequence.pose, sequence.root)
+
+
 class _Figures:
     """Everything that is computed once a garment and used for every sequence."""
 
-    def __init__(self, body: Body, template: GarmentTemplate, settings: RegressorEvaluation) -> None:
-        self.settings, self.template, self.body = settings, template, body
+    def __init__(self, template: GarmentTemplate, settings: RegressorEvaluation) -> None:
+        self.settings, self.template = settings, template
         self.sted = Sted(template.topology, settings.sted)
-        self.refiner = Refiner(template.topology, body.faces, len(body.vertices), settings.refinement)
         self.laplacian = template.topology.uniform_laplacian()
+        self._refiner: Refiner | None = None
+
+    def refiner(self, worn: _Worn) -> Refiner:
+        """For the garment on bodies that are connected as this one."""
+        if self._refiner is None:
+            topology = self.template.topology
+            self._refiner = Refiner(topology, worn.faces, worn.vertices.shape[1], self.settings.refinement)
+        return self._refiner
 
     def errors(self, predicted: np.ndarray, truth: np.ndarray) -> dict[str, float]:
         """What is cheap: errors of one predicted sequence [mm]."""
@@ -124,7 +142,7 @@ class _Figures:
             "kg_error_percent": kg_error(predicted, truth),
         }
 
-    def of(self, predicted: np.ndarray, truth: np.ndarray, body_vertices: np.ndarray) -> dict[str, float]:
+    def of(self, predicted: np.ndarray, truth: np.ndarray, worn: _Worn) -> dict[str, float]:
         """Figures of one predicted sequence, lengths in millimetres and shares in percent."""
         topology, stride = self.template.topology, self.settings.frames_stride
         sted = self.sted.compare(predicted, truth)
@@ -135,19 +153,19 @@ class _Figures:
             "sted_spatial": sted.spatial,
             "sted_temporal": sted.temporal,
             "normal_cosine": normal_cosine_distance(predicted, truth, topology.faces),
-            "edge_mm": 1e3 * edge_deviation(predicted, self.template.vertices, topology.edges),
+            "edge_mm": 1e3 * edge_deviation(predicted, worn.rest, topology.edges),
             "bend": bend(predicted, topology),
             "collision_rate_vertex_percent": 100.0
-            * nearest_vertex_collision_rate(predicted, body_vertices, self.body.faces, stride),
+            * nearest_vertex_collision_rate(predicted, worn.vertices, worn.faces, stride),
         }
-        contact = Contact()
-        for vertices, under in zip(predicted[::stride], body_vertices[::stride], strict=True):
-            contact.add(self.refiner.body.at(under).query(vertices).distance)
+        contact, surface = Contact(), self.refiner(worn).body
+        for vertices, under in zip(predicted[::stride], worn.vertices[::stride], strict=True):
+            contact.add(surface.query(vertices, under).distance)
         return plain | contact.figures("")
 
-    def refined(self, predicted: np.ndarray, truth: np.ndarray, body_vertices: np.ndarray) -> dict[str, float]:
+    def refined(self, predicted: np.ndarray, truth: np.ndarray, worn: _Worn) -> dict[str, float]:
         """What refinement does to a predicted sequence, judged in all frames."""
-        refined, figures = refine_and_judge(self.refiner, self.laplacian, predicted, body_vertices)
+        refined, figures = refine_and_judge(self.refiner(worn), self.laplacian, predicted, worn.vertices)
         return figures | {"refined_rmse_mm": 1e3 * rmse(refined, truth)}
 
     def row(self, garment: str, split: str, method: str, values: list[dict[str, float]]) -> Row:

@@ -136,7 +136,7 @@ def draw_predictions(
     gallery: Gallery, sequences: Many[Sequence], body: Body, regressor: Regressor, refiner: Refiner, frames: int
 ) -> bool:
     """Truth, prediction and error; the frame with the most collisions before and after refinement, if it has any."""
-    predict = regressor_predictor(regressor, body)
+    predict = regressor_predictor(regressor)
     worst: tuple[int, int, Dressed, np.ndarray] | None = None
     for sequence in sequences:
         truth, predicted = dressed(sequence, body).cut(frames), predict(sequence)[:frames]

@@ -216,7 +216,14 @@ def evaluate_spec(config: Config, garment: str = "", model: str = "") -> str:
     spec |= {"garment": garment, "use": settings["use"], "variants": trained_variants(config, model)}
     if model == "garment_regressor":
         spec["tested_clips"] = [clip.name for clip in tested_clips(config)]
+        spec["autoencoders"] = regressing_autoencoders(config)
     return canonical(spec)
+
+
+def regressing_autoencoders(config: Config) -> list[str]:
+    """Variants of the motion-invariant autoencoder that stand beside the regressors: the paper's and the one in use."""
+    settings = config["models"]["motion_invariant"]
+    return [variant for variant in settings["variants"] if variant in ("paper", settings["use"])]
 
 
 def garment_name_spec(garment: str) -> str:

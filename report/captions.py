@@ -253,10 +253,14 @@ CAPTIONS: dict[str, Caption] = {
         "Figures of each sequence, averaged over sequences. Reference rows (italic) see the truth and are no methods: "
         "the simulation itself; the chaos floor, the same clip simulated once more from a start that differs by 1 mm, "
         "their difference over the root of 2; and the floor that a linear space of its size cannot get below. Rows "
-        "with the true frame before, or the true past, show what start token and roll-out lose.",
+        "with the true frame before, or the true past, show what start token and roll-out lose. Wang's autoencoder, "
+        "which infers the material from given garments, is given the z of the base material's training clips. With "
+        "unseen parameters and on unseen bodies the regressor that is told of them stands beside one that is not, and "
+        "beside itself told the base ones.",
         "Shi 2023, Tables 6, 7 and 9; Peng 2023 (GSNet), Table 1 for edge, bend and collision.",
         _made("evaluate_garment_regressor", "evaluation/regressor.py", "garment_regressor"),
-        "Base parameters; new clips of known labels, known movements in another manner, labels that nobody trained on.",
+        "Base parameters: new clips of known labels, known movements in another manner, labels that nobody trained on. "
+        "Parameters, or bodies, that nobody trained on: on motions that were seen with others, and on new ones.",
         (
             "garment",
             "split",

@@ -110,7 +110,7 @@ def test_skinning_baseline_is_exact_on_rigid_motion() -> None:
         return sequence(seed, from_canonical(moved, pose, root, body()), rigid=True)
 
     train, test = [rigid(1), rigid(2)], rigid(3)
-    for baseline in (SkinnedTemplate(body(), template()), MeanShape(body())):
+    for baseline in (SkinnedTemplate(body(), template()), MeanShape()):
         np.testing.assert_allclose(baseline.fit(train).predict(test), test.vertices, atol=2e-5)
 
 
@@ -163,8 +163,7 @@ def test_history_ridge_learns_what_the_current_pose_does_not_show() -> None:
 
     train, test = [swung(seed) for seed in range(40)], swung(99)
     errors = [
-        np.abs(RidgeRegression(body(), offsets).fit(train).predict(test) - test.vertices).mean()
-        for offsets in ((), (0, 1, 2))
+        np.abs(RidgeRegression(offsets).fit(train).predict(test) - test.vertices).mean() for offsets in ((), (0, 1, 2))
     ]
     assert errors[1] < 0.2 * errors[0]
     assert history(np.arange(4.0)[:, None], (0, 2), np.array([1, 3])).tolist() == [[1, 0], [3, 1]]
@@ -173,9 +172,9 @@ def test_history_ridge_learns_what_the_current_pose_does_not_show() -> None:
 def test_pca_floor_falls_with_its_dimension_and_is_exact_in_its_span() -> None:
     train = [sequence(seed) for seed in range(6)]
     test = sequence(50)
-    errors = [np.sqrt(np.mean((PcaFloor(body(), k).fit(train).predict(test) - test.vertices) ** 2)) for k in (1, 8, 40)]
+    errors = [np.sqrt(np.mean((PcaFloor(k).fit(train).predict(test) - test.vertices) ** 2)) for k in (1, 8, 40)]
     assert errors[0] > errors[1] > errors[2]
-    full = PcaFloor(body(), 100).fit(train)
+    full = PcaFloor(100).fit(train)
     np.testing.assert_allclose(full.predict(train[0]), train[0].vertices, atol=1e-4)
 
 
@@ -225,7 +224,7 @@ def test_fit_baselines_names_and_refuses_mixed_garments() -> None:
     assert next(iter(fitted)) == "mean shape" and list(fitted)[-1] == "PCA-8 of the truth (floor)"
     assert all(predict(train[0]).shape == train[0].vertices.shape for predict in fitted.values())
     with pytest.raises(ValueError, match="no training sequences"):
-        MeanShape(body()).fit([])
+        MeanShape().fit([])
 
 
 def test_ridge_holds_features_that_leave_the_training_range() -> None:

@@ -102,9 +102,12 @@ rule evaluate_motion:
 
 rule evaluate_garment_regressor:
     input:
-        shards=shards,
+        shards=lambda w: shards(w) + body_shards(w),
         template=f"{RESULTS}/garments/{{garment}}.npz",
         fine_tuned=model_file("garment_regressor", "fine_tuned"),
+        descriptor=model_file("shape_descriptor"),
+        codes=codes_file(),
+        autoencoders=[model_file("motion_invariant", v) for v in spec.regressing_autoencoders(config)],
         models=model_files("garment_regressor"),
         tests=test_shards(),
         code=stage_sources("evaluate_garment_regressor"),
@@ -123,7 +126,8 @@ rule evaluate_garment_regressor:
         spec=lambda w: spec.evaluate_spec(config, w.garment, "garment_regressor"),
     shell:
         "python -m pipeline.evaluate_garment_regressor --spec {params.spec:q} --out {output}"
-        " --in {input.template} {input.fine_tuned} {input.models} {input.tests} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+        " --in {input.template} {input.fine_tuned} {input.descriptor} {input.codes} {input.autoencoders} {input.models}"
+        " {input.tests} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
 # Alone on the machine: it takes all cores, though each thing that it times uses one.

@@ -150,10 +150,24 @@ rule train_motion_cvae:
         " --in {input.motions} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
+def regressor_shards(wildcards):
+    """Shards that a regressor is trained on: one that is told of the body sees other bodies too."""
+    bodies = body_shards(wildcards) if wildcards.variant.startswith("conditioned") else []
+    return shards(wildcards) + bodies
+
+
+def regressor_descriptor(wildcards):
+    """Shape descriptor and codes, of the regressor that predicts codes alone: others need not wait for them."""
+    if not wildcards.variant.startswith("descriptor-space"):
+        return []
+    return [path.format(garment=wildcards.garment) for path in (model_file("shape_descriptor"), codes_file())]
+
+
 rule train_garment_regressor:
     input:
-        shards=shards,
+        shards=regressor_shards,
         template=f"{RESULTS}/garments/{{garment}}.npz",
+        descriptor=regressor_descriptor,
         code=stage_sources("train_garment_regressor"),
     output:
         model=f"{RESULTS}/models/{{garment}}/garment_regressor/{{variant}}.pt",
@@ -172,7 +186,7 @@ rule train_garment_regressor:
         spec=lambda w: spec.train_spec(config, "garment_regressor", w.garment, w.variant),
     shell:
         "python -m pipeline.train_garment_regressor --spec {params.spec:q} --out {output}"
-        " --in {input.template} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+        " --in {input.template} {input.descriptor} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
 # Shi 2023, section 3.4: without ground truth, on motions that the CVAE invents, so the CVAE comes before it.
