@@ -64,36 +64,49 @@ def build_motion_invariant(
 def motion_invariant_loss(module: MotionInvariantNetwork, step: SamePhiStep) -> dict[str, Tensor]:
     """Weighted loss of a step, with its terms; the weights are those of the variant.
 
-    "own" and "cross" are ``||S - S'||`` a frame as RMS over the descriptor's numbers in ``unit``, mean over the frames.
-    "variance" is the mean over z's numbers of their variance within a batch, over the batches; of the pooled network,
-    whose decoder would undo any scale, in units of z's variance in the whole step.
+    "own", "cross" and "known" are ``||S - S'||`` a frame as RMS over the descriptor's numbers in ``unit``, mean over
+    the frames, from z of the frame itself, of other clips, and of the true parameters. "variance" is the mean over z's
+    numbers of their variance within a batch, over the batches. "match" is the mean square of z's distance from that of
+    the true parameters, in units of the latter's variance in the step.
     """
-    weights = module.weights
-    context = module.context(step.signature)
-    value, weight = module.evidence(step.descriptor, context, step.parameters)
-    single = module.pool(value.unsqueeze(0), weight.unsqueeze(0))
+    weights, context = module.weights, module.context(step.signature)
+    terms = (_pooled_terms if weights.network == "pooled" else _frame_terms)(module, step, context)
+    return {"total": sum(getattr(weights, name) * term for name, term in terms.items()), **terms}
+
+
+def _frame_terms(module: MotionInvariantNetwork, step: SamePhiStep, context: tuple[Tensor, ...]) -> dict[str, Tensor]:
+    """Each frame has its own z."""
+    weights, latent = module.weights, module.encode(step.descriptor, context, step.parameters)
     terms: dict[str, Tensor] = {}
     if weights.own:
-        terms["own"] = _relative_rms(module, module.decode(single, context), step.descriptor)
+        terms["own"] = _relative_rms(module, module.decode(latent, context), step.descriptor)
     if weights.variance:
-        groups = [single[step.group == g] for g in range(int(step.group[-1]) + 1)]
+        groups = [latent[step.group == g] for g in range(int(step.group[-1]) + 1)]
         terms["variance"] = torch.stack([z.var(dim=0, unbiased=False).mean() for z in groups]).mean()
-        if weights.network == "pooled":
-            terms["variance"] = terms["variance"] / (single.var(dim=0, unbiased=False).mean().detach() + 1e-3)
-    if weights.cross and weights.network == "pooled":
-        place = 2 * step.group + step.half
-        sources = weight * step.source.unsqueeze(1)
-        total = weight.new_zeros(2 * (int(step.group[-1]) + 1), weight.shape[1])
-        latents = total.index_add(0, place, value * sources) / (total.index_add(0, place, sources) + module.prior)
-        other = latents[2 * step.group + 1 - step.half]
-        terms["cross"] = _relative_rms(module, module.decode(other, context), step.descriptor)
-        if weights.parameters and step.parameters.shape[1]:
-            wrong = module.read_parameters(other) - module.scaled_parameters(step.parameters)
-            terms["parameters"] = wrong.square().mean()
-    elif weights.cross:
-        terms["cross"] = _relative_rms(module, module.decode(single[step.partners], context), step.descriptor)
-    total_loss = sum(getattr(weights, name) * term for name, term in terms.items())
-    return {"total": total_loss, **terms}
+    if weights.cross:
+        terms["cross"] = _relative_rms(module, module.decode(latent[step.partners], context), step.descriptor)
+    return terms
+
+
+def _pooled_terms(module: PooledNetwork, step: SamePhiStep, context: tuple[Tensor, ...]) -> dict[str, Tensor]:
+    """The decoder is taught by the true parameters, the encoder by the decoder as it is."""
+    fixed = tuple(part.detach() for part in context)
+    value, weight = module.evidence(step.descriptor, fixed, step.parameters)
+    sources, place = weight * step.source.unsqueeze(1), 2 * step.group + step.half
+    total = weight.new_zeros(2 * (int(step.group[-1]) + 1), weight.shape[1])
+    latents = total.index_add(0, place, value * sources) / (total.index_add(0, place, sources) + module.prior)
+    other, known = latents[2 * step.group + 1 - step.half], module.known_latent(step.parameters)
+    target = known.detach()
+    spread = target.var(dim=0, unbiased=False).mean() + 1e-3  # not zero where no parameter varies
+    terms = {
+        "known": _relative_rms(module, module.decode(known, context), step.descriptor),
+        "cross": _relative_rms(module, module.decode_fixed(other, context), step.descriptor),
+        "match": (other - target).square().mean() / spread,
+    }
+    if step.parameters.shape[1]:
+        wrong = module.read_parameters(other) - module.scaled_parameters(step.parameters)
+        terms["parameters"] = wrong.square().mean()
+    return terms
 
 
 def embedding_loss(

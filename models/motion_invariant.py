@@ -13,7 +13,7 @@ the U-blocks, K sub-networks of a U-block.
     loss = Var(z) + lambda ||S - F_D(z | M)||      all frames of a batch share phi
 
 The paper's loss never decodes the z of one frame with the motion of another, although that is what the network is for.
-The variants "cross" and "pooled" do so within the same-phi batch.
+The variants "cross" and "pooled" do so within the same-phi batch; "pooled" also teaches the decoder by the parameters.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ class Variant:
         own: Weight of the reconstruction with the frame's own motion; the paper's lambda.
         cross: Weight of the reconstruction from a z that was taken from another motion of the batch.
         parameters: Weight of reading the parameters from z.
+        known: Weight of the reconstruction from the z that the true parameters have; the decoder learns from it alone.
+        match: Weight of the distance of z from the one that the true parameters have.
         embedding: The encoder is trained before the decoder, so that distances of z are those of the parameters.
         signature: Kind of motion signature, see ``models.motion_history``.
     """
@@ -48,6 +50,8 @@ class Variant:
     own: float = 1.0
     cross: float = 0.0
     parameters: float = 0.0
+    known: float = 0.0
+    match: float = 0.0
     embedding: bool = False
     signature: str = "joints"
 
@@ -58,7 +62,7 @@ VARIANTS: dict[str, Variant] = {
     # The two alternatives of Wang 2019, Fig. 11 (left).
     "concatenate": Variant("concatenate", variance=1.0, own=0.1),
     "embedding": Variant("u-blocks", embedding=True),
-    "pooled": Variant("pooled", variance=0.1, own=0.2, cross=1.0, parameters=0.1, signature="features"),
+    "pooled": Variant("pooled", own=0.0, cross=0.3, parameters=0.1, known=1.0, match=1.0, signature="features"),
     # Controls: the decoder of "pooled" without z, and with the true parameters in its place.
     "motion-only": Variant("motion-only", signature="features"),
     "true-parameters": Variant("parameters", signature="features"),

