@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from geometry.proximity import SurfaceQuery, nearest_vertices
+from geometry.proximity import SurfaceQuery
 from geometry.topology import MeshTopology, edge_lengths, vertex_normals
 
 COLLISION_MARGIN = 1.0e-3
@@ -51,8 +51,12 @@ def kg_error(predicted: np.ndarray, truth: np.ndarray) -> float:
 def normal_cosine_distance(predicted: np.ndarray, truth: np.ndarray, faces: np.ndarray) -> float:
     """Mean over vertices and frames of ``1 - n . n'``, unit vertex normals (Shi 2023, lower is better)."""
     _check_pair(predicted, truth)
-    dots = np.einsum("tvc,tvc->tv", vertex_normals(predicted, faces), vertex_normals(truth, faces))
-    return float(np.mean(1.0 - dots))
+    return cosine_distance(vertex_normals(predicted, faces), vertex_normals(truth, faces))
+
+
+def cosine_distance(normals: np.ndarray, true_normals: np.ndarray) -> float:
+    """``normal_cosine_distance`` of unit normals that are there already, [T, V, 3] both."""
+    return float(np.mean(1.0 - np.einsum("tvc,tvc->tv", normals, true_normals)))
 
 
 def edge_deviation(vertices: np.ndarray, template: np.ndarray, edges: np.ndarray) -> float:
@@ -62,7 +66,11 @@ def edge_deviation(vertices: np.ndarray, template: np.ndarray, edges: np.ndarray
 
 def bend(vertices: np.ndarray, topology: MeshTopology) -> float:
     """Mean over vertices of the neighbour average of ``1 - n_i . n_j`` ("bend" of DeePSD and GSNet)."""
-    normals = vertex_normals(vertices, topology.faces)
+    return bend_of_normals(vertex_normals(vertices, topology.faces), topology)
+
+
+def bend_of_normals(normals: np.ndarray, topology: MeshTopology) -> float:
+    """``bend`` of unit vertex normals [T, V, 3] that are there already."""
     i, j = topology.edges.T
     bent = 1.0 - np.einsum("...c,...c->...", normals[..., i, :], normals[..., j, :])  # [T, E]
     degree = np.bincount(topology.edges.reshape(-1), minlength=topology.vertex_count)
@@ -123,17 +131,25 @@ def collision_figures(
     return CollisionFigures(below / count, near / count, deepest, len(frames))
 
 
-def nearest_vertex_collision_rate(
-    vertices: np.ndarray, body_vertices: np.ndarray, body_faces: np.ndarray, stride: int = 1
-) -> float:
-    """Share of garment vertices with ``(v - b) . n_b < 0``, b the nearest body *vertex* (DeePSD, GSNet)."""
-    below, frames = 0, range(0, len(vertices), stride)
-    for t in frames:
-        normals = vertex_normals(body_vertices[t], body_faces)
-        index, _ = nearest_vertices(vertices[t], body_vertices[t])
-        side = np.einsum("vc,vc->v", vertices[t] - body_vertices[t][index], normals[index])
-        below += int((side < 0.0).sum())
-    return below / (len(frames) * vertices.shape[1])
+class NearestVertices:
+    """Vertices of a body in some frames, of which many garments are asked: normals and trees are made once.
+
+    Args:
+        body_vertices: Body [m], shape [T, B, 3].
+        body_faces: Its triangles, shape [F, 3].
+    """
+
+    def __init__(self, body_vertices: np.ndarray, body_faces: np.ndarray) -> None:
+        self._vertices, self._normals = body_vertices, [vertex_normals(v, body_faces) for v in body_vertices]
+        self._trees = [cKDTree(v, balanced_tree=False, compact_nodes=False) for v in body_vertices]
+
+    def collision_rate(self, vertices: np.ndarray) -> float:
+        """Share of garment vertices [T, V, 3] with ``(v - b) . n_b < 0``, b the nearest *vertex* (DeePSD, GSNet)."""
+        below = 0
+        for garment, body, normals, tree in zip(vertices, self._vertices, self._normals, self._trees, strict=True):
+            index = tree.query(garment)[1]
+            below += int((np.einsum("vc,vc->v", garment - body[index], normals[index]) < 0.0).sum())
+        return below / (len(vertices) * vertices.shape[1])
 
 
 def _squared_distances(predicted: np.ndarray, truth: np.ndarray) -> np.ndarray:

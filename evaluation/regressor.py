@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -19,18 +20,19 @@ from body.model import Body
 from datasets.sequences import Sequence
 from evaluation.collisions import Contact, refine_and_judge
 from evaluation.metrics import (
-    bend,
+    NearestVertices,
+    bend_of_normals,
+    cosine_distance,
     edge_deviation,
     hausdorff,
     kg_error,
     mean_vertex_error,
-    nearest_vertex_collision_rate,
-    normal_cosine_distance,
     rmse,
 )
 from evaluation.sted import Sted, StedParameters
 from evaluation.table import Row
 from garments.template import GarmentTemplate
+from geometry.topology import vertex_normals
 from models.refinement import RefinementSettings, Refiner
 
 Predictor = Callable[[Sequence], np.ndarray | None]
@@ -90,7 +92,8 @@ def regressor_rows(
     for number, sequence in enumerate(sequences):
         if sequence.garment != template.name:
             raise ValueError(f"evaluation of garment '{template.name}': got a sequence of '{sequence.garment}'")
-        worn = _Worn(body_of(sequence), sequence, template.vertices if rest is None else rest(sequence))
+        own_rest = template.vertices if rest is None else rest(sequence)
+        worn = _Worn(body_of(sequence), sequence, own_rest, template.faces, figures.settings.frames_stride)
         for method, predict in predictors.items():
             predicted = predict(sequence)
             if predicted is not None:
@@ -110,11 +113,26 @@ def regressor_rows(
 
 
 class _Worn:
-    """The body under one sequence's garments, and the garment's rest shape."""
+    """One sequence's simulated garment, its rest shape and the body under it: what all methods share, made once."""
 
-    def __init__(self, body: Body, sequence: Sequence, rest: np.ndarray) -> None:
-        self.faces, self.rest = body.faces, rest
-        self.vertices = body.posed(sequence.pose, sequence.root)
+    def __init__(self, body: Body, sequence: Sequence, rest: np.ndarray, faces: np.ndarray, stride: int) -> None:
+        self._body, self._sequence, self._faces, self._stride = body, sequence, faces, stride
+        self.rest, self.body_faces = rest, body.faces
+
+    @cached_property
+    def body_vertices(self) -> np.ndarray:
+        """The posed body [m], [T, B, 3]."""
+        return self._body.posed(self._sequence.pose, self._sequence.root)
+
+    @cached_property
+    def nearest(self) -> NearestVertices:
+        """Of the body in every ``stride``-th frame."""
+        return NearestVertices(self.body_vertices[:: self._stride], self.body_faces)
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """Unit vertex normals of the simulated garment, [T, V, 3]."""
+        return vertex_normals(self._sequence.vertices, self._faces)
 
 
 class _Figures:
@@ -130,7 +148,8 @@ class _Figures:
         """For the garment on bodies that are connected as this one."""
         if self._refiner is None:
             topology = self.template.topology
-            self._refiner = Refiner(topology, worn.faces, worn.vertices.shape[1], self.settings.refinement)
+            count = worn.body_vertices.shape[1]
+            self._refiner = Refiner(topology, worn.body_faces, count, self.settings.refinement)
         return self._refiner
 
     def errors(self, predicted: np.ndarray, truth: np.ndarray) -> dict[str, float]:
@@ -145,27 +164,26 @@ class _Figures:
     def of(self, predicted: np.ndarray, truth: np.ndarray, worn: _Worn) -> dict[str, float]:
         """Figures of one predicted sequence, lengths in millimetres and shares in percent."""
         topology, stride = self.template.topology, self.settings.frames_stride
-        sted = self.sted.compare(predicted, truth)
+        sted, normals = self.sted.compare(predicted, truth), vertex_normals(predicted, topology.faces)
         plain = {
             "detailed_sequences": 1,
             "hausdorff_mm": 1e3 * hausdorff(predicted, truth, stride),
             "sted": sted.sted,
             "sted_spatial": sted.spatial,
             "sted_temporal": sted.temporal,
-            "normal_cosine": normal_cosine_distance(predicted, truth, topology.faces),
+            "normal_cosine": cosine_distance(normals, worn.normals),
             "edge_mm": 1e3 * edge_deviation(predicted, worn.rest, topology.edges),
-            "bend": bend(predicted, topology),
-            "collision_rate_vertex_percent": 100.0
-            * nearest_vertex_collision_rate(predicted, worn.vertices, worn.faces, stride),
+            "bend": bend_of_normals(normals, topology),
+            "collision_rate_vertex_percent": 100.0 * worn.nearest.collision_rate(predicted[::stride]),
         }
         contact, surface = Contact(), self.refiner(worn).body
-        for vertices, under in zip(predicted[::stride], worn.vertices[::stride], strict=True):
+        for vertices, under in zip(predicted[::stride], worn.body_vertices[::stride], strict=True):
             contact.add(surface.query(vertices, under).distance)
         return plain | contact.figures("")
 
     def refined(self, predicted: np.ndarray, truth: np.ndarray, worn: _Worn) -> dict[str, float]:
         """What refinement does to a predicted sequence, judged in all frames."""
-        refined, figures = refine_and_judge(self.refiner(worn), self.laplacian, predicted, worn.vertices)
+        refined, figures = refine_and_judge(self.refiner(worn), self.laplacian, predicted, worn.body_vertices)
         return figures | {"refined_rmse_mm": 1e3 * rmse(refined, truth)}
 
     def row(self, garment: str, split: str, method: str, values: list[dict[str, float]]) -> Row:

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 from scipy.sparse import csr_matrix
-from scipy.spatial import cKDTree
 
 from geometry.surface_kernels import Surface, closest_points, find_sides
 
@@ -179,12 +178,6 @@ class PosedSurface:
 def closest_surface(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> SurfaceHits:
     """One-off query; for a sequence make one ``SurfaceQuery`` and ask it every frame."""
     return SurfaceQuery(faces, len(vertices)).query(points, vertices)
-
-
-def nearest_vertices(points: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest mesh vertex of each point: indices, shape [N], and unsigned distances [m], shape [N]."""
-    distance, index = cKDTree(vertices, balanced_tree=False, compact_nodes=False).query(points)
-    return index, distance
 
 
 def _edge_neighbours(faces: np.ndarray, vertex_count: int) -> np.ndarray:

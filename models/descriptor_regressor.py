@@ -21,7 +21,7 @@ from torch import Tensor, nn
 from models.checkpoint import load_model, save_model
 from models.frame_fitting import CodedExamples, error_terms, fit_frames
 from models.garment_fitting import GarmentExample, RegressorTraining
-from models.garment_regressor import RegressorConfig
+from models.garment_regressor import Regressor, RegressorConfig
 from models.motion_features import MotionTrack, track_features
 from models.shape_descriptor import (
     PaperDescriptor,
@@ -30,7 +30,6 @@ from models.shape_descriptor import (
     ShapeDescriptorConfig,
 )
 from models.training import Progress, prepare
-from models.window_regressor import WindowRegressor
 
 KIND = "descriptor_regressor"
 
@@ -82,8 +81,8 @@ class DescriptorCode(nn.Module):
         return square, torch.zeros_like(square)
 
 
-class DescriptorRegressor(WindowRegressor):
-    """The network of ``WindowRegressor`` over the codes of a shape descriptor."""
+class DescriptorRegressor(Regressor):
+    """Fully connected network from a window of past motion to the codes of a shape descriptor."""
 
     def __init__(self, config: RegressorConfig, descriptor: ShapeDescriptor) -> None:
         if descriptor.vertex_count != config.vertices:
@@ -95,6 +94,10 @@ class DescriptorRegressor(WindowRegressor):
         super().__init__(replace(config, components=1), descriptor.faces.numpy())
         self.shape = DescriptorCode(descriptor)
         self.network = self.direct_network()
+
+    def unroll(self, features: Tensor, lead: int) -> Tensor:
+        """Codes [B, T, C] of scaled features [B, L + T, D]."""
+        return self.network(self.windows(features)[:, lead:]).float()
 
 
 def fit_descriptor_regressor(

@@ -112,7 +112,7 @@ def test_nearest_vertex_rate_uses_the_vertex_normal() -> None:
     # In front of a face but below the vertex's tangent plane: outside the surface, a collision for DeePSD's rule.
     point = np.array([0.2, 0.09, 0.09])
     assert SurfaceQuery(faces).query(point[None], body).distance[0] > 0
-    rate = metrics.nearest_vertex_collision_rate(np.stack([point, point * 4])[None], body[None], faces)
+    rate = metrics.NearestVertices(body[None], faces).collision_rate(np.stack([point, point * 4])[None])
     assert rate == pytest.approx(0.5)
 
 

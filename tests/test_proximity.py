@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse import coo_matrix
 
-from geometry.proximity import Sheet, SurfaceQuery, closest_surface, nearest_vertices
+from geometry.proximity import Sheet, SurfaceQuery, closest_surface
 
 
 def closest_on_triangle(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -159,15 +159,6 @@ def test_moves_with_the_mesh_and_survives_slivers() -> None:
     np.testing.assert_allclose(
         np.abs(still.distance), np.abs(closest_surface(points, vertices, faces).distance), atol=1e-12
     )
-
-
-def test_nearest_vertices() -> None:
-    vertices, _ = bumpy_sphere()
-    points = np.random.default_rng(8).normal(size=(40, 3))
-    index, distance = nearest_vertices(points, vertices)
-    all_pairs = np.linalg.norm(points[:, None] - vertices, axis=2)
-    np.testing.assert_array_equal(index, all_pairs.argmin(axis=1))
-    np.testing.assert_allclose(distance, all_pairs.min(axis=1))
 
 
 def test_bad_input_is_named() -> None:
