@@ -37,6 +37,10 @@ JUMP = 3.0
 """How many garment steps a closest point may move on the body from one garment vertex to its neighbour."""
 
 
+STEEPEST = 0.25
+"""Depth of an edge's midpoint, over the edge's length, up to which the edge is brought out."""
+
+
 @dataclass(frozen=True)
 class RefinementSettings:
     """Weights of the refinement.
@@ -224,6 +228,8 @@ class Refiner:
         hits = body.query(0.5 * (vertices[i[near]] + vertices[j[near]]))
         # From the shallowest to the deepest: of several edges at one end, the deepest is written last and stays.
         buried = np.argsort(-hits.distance, kind="stable")[np.count_nonzero(hits.distance >= 0.0) :]
+        # An edge deeper than that runs through a limb or a fold, not over it: pushing its ends tears at the garment.
+        buried = buried[-hits.distance[buried] < STEEPEST * length[near[buried]]]
         move = (0.5 * self.settings.clearance - hits.distance[buried])[:, None] * hits.normal[buried]
         push = np.zeros_like(vertices)
         push[self.edges[near[buried]].reshape(-1)] = np.repeat(move, 2, axis=0)
