@@ -36,7 +36,7 @@ from models.motion_invariant import (
 _ENCODER_GAIN = 5.0
 """What the motion leaves unexplained is about a fifth of the shapes' deviation."""
 _FIRST_LOG_WEIGHT = -3.0
-"""A frame weighs a twentieth of the prior at the start: with the weight of the prior, z of a clip is worse by 3%."""
+"""A frame weighs a twentieth of the prior at the start."""
 
 
 class PooledNetwork(MotionInvariantNetwork):

@@ -165,6 +165,12 @@ CAPTIONS: dict[str, Caption] = {
         _made("evaluate_motion_invariant", "evaluation/intrinsic.py", "motion_invariant"),
         "Named in each group.",
     ),
+    "clip_latent_variance": Caption(
+        "Variance of the latent of a clip by variant",
+        "The same of the one latent that all frames of a clip have together. A single frame tells little of most "
+        "parameters, a clip more.",
+        made=_made("evaluate_motion_invariant", "evaluation/intrinsic.py", "motion_invariant"),
+    ),
     "parameter_recovery": Caption(
         "What the latent knows of the parameters: R² by variant",
         "R² of a ridge regression from the latent to each parameter (its logarithm where it is drawn so): 1 is "

@@ -140,12 +140,13 @@ class Sections:
             if any(is_number(r.get(column)) for r in rows):
                 view = wide_view(rows, "quantity", "variant", column, control_columns=CONTROL_VARIANTS)
                 blocks.append(Block("table", CAPTIONS[name], view))
-        ratios = _once([r for r in rows if is_number(r.get("variance_ratio"))], "garment", "split", "variant")
-        if ratios:
-            view = wide_view(
-                ratios, "garment", "variant", "variance_ratio", control_columns=CONTROL_VARIANTS, keys=("split",)
-            )
-            blocks.append(Block("table", CAPTIONS["latent_variance"], view))
+        for name, column in (("latent_variance", "variance_ratio"), ("clip_latent_variance", "clip_variance_ratio")):
+            ratios = _once([r for r in rows if is_number(r.get(column))], "garment", "split", "variant")
+            if ratios:
+                view = wide_view(
+                    ratios, "garment", "variant", column, control_columns=CONTROL_VARIANTS, keys=("split",)
+                )
+                blocks.append(Block("table", CAPTIONS[name], view))
         if any(r.get("r_squared") is not None for r in recovery):
             shown = _some_split(recovery)
             caption = replace(CAPTIONS["recovery_bars"], split=_as_sentence(shown[0].get("split")))
