@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from datasets.sequences import Sequence, load_sequences
 from datasets.shards import BODIES, MATERIALS, MOTIONS
 from datasets.splits import TRAIN, UNSEEN_BODIES_AND_MOTIONS, UNSEEN_BOTH, UNSEEN_MOTIONS, SplitRule
-from evaluation.seeds import split_seed
 from garments.template import GarmentTemplate
 from models.conditioned_regressor import Conditions, fit_conditioned_regressor, save_conditioned_regressor
 from models.descriptor_regressor import fit_descriptor_regressor, save_descriptor_regressor
@@ -35,7 +34,7 @@ NETWORK = "window"
 def main(job: Job) -> None:
     """Train and save."""
     trainings = {DESCRIPTOR_SPACE: _train_descriptor_space, CONDITIONED: _train_conditioned}
-    trainings.get(split_seed(job.spec["variant"])[0], _train)(job)
+    trainings.get(job.spec["variant"], _train)(job)
 
 
 def _train(job: Job) -> None:
@@ -116,7 +115,8 @@ def _one_by_one(job: Job, shards: list[str], splits: tuple[str, ...], plans: tup
 
 
 def _config(job: Job, template: GarmentTemplate, variant: str) -> RegressorConfig:
-    return variant_config(variant, len(template.vertices), **values_of(RegressorConfig, job.spec["model"]))
+    own = {"variant": job.spec["variant"]} | values_of(RegressorConfig, job.spec["model"])
+    return variant_config(variant, len(template.vertices), **own)
 
 
 def _settings(job: Job) -> RegressorTraining:
