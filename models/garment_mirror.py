@@ -50,4 +50,4 @@ def mirrored_example(example: GarmentExample, weights: sp.csr_matrix) -> Garment
     flat = example.vertices.transpose(1, 0, 2).reshape(example.vertices.shape[1], -1)
     taken = (weights @ flat).reshape(-1, frames, 3).transpose(1, 0, 2)
     mirrored = MotionTrack(pose.astype(track.pose.dtype), joints.astype(track.joints.dtype), track.lead, track.fps)
-    return GarmentExample(mirrored, (taken * REFLECTION).astype(np.float32))
+    return GarmentExample(mirrored, (taken * REFLECTION).astype(np.float32), mirrored=True)

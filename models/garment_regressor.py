@@ -9,7 +9,8 @@ In: a ``MotionTrack``. Out: garment vertices in the canonical (pelvis) frame. Th
   correcting a network that goes straight from the motion to the shape.
   In training the decoder sees its own free-running roll-out, noised, in place of the true past with a share that rises
   to ``rollout_share``: under teacher forcing alone errors grow along the sequence, because the network never sees them.
-- ``window``: no garment state at all: an MLP from the motion of the last 0.4 s (at 30 Hz).
+- ``window``: no garment state at all: an MLP from the motion of the last 0.7 s (at 30 Hz), corrected by kernel ridge
+  regression of what it left over of its training set.
 - ``gru``: no garment state either, but a learned memory of the motion.
 
 ``models.sequence_regressor`` holds the network of the first three, ``models.window_regressor`` and
@@ -57,6 +58,7 @@ class RegressorConfig:
         window_offsets: Frames into the past whose features enter a frame's input; (0,) = the frame alone (paper).
         window_hidden: Hidden layers of the network that goes straight from the motion to the shape: all of the window
             variant; in the Transformer a path beside the decoder, which then only corrects it. () = none (paper).
+        centres: Training frames, at most, that the window variant's kernel correction stands on; 0 = no correction.
         segment: Frames that a longer motion is cut into; 0 = never cut. Training sets it where positions are absolute.
     """
 
@@ -78,6 +80,7 @@ class RegressorConfig:
     laplacian_weight: float = 0.1
     window_offsets: tuple[int, ...] = (0,)
     window_hidden: tuple[int, ...] = ()
+    centres: int = 0
     segment: int = 0
 
     def __post_init__(self) -> None:
@@ -93,6 +96,8 @@ class RegressorConfig:
                 raise ValueError(f"regressor {name}: {getattr(self, name)!r} is not one of {', '.join(allowed)}")
         if self.window_offsets[0] != 0 or any(b <= a for a, b in pairwise(self.window_offsets)):
             raise ValueError(f"regressor window_offsets: must rise from 0, got {list(self.window_offsets)}")
+        if self.centres < 0 or (self.centres and self.decoder != "window"):
+            raise ValueError(f'regressor centres: {self.centres} with decoder {self.decoder!r}; only "window" has any')
         if not 0.0 <= self.rollout_share <= 1.0:
             raise ValueError(f"regressor rollout_share: must be in [0, 1], got {self.rollout_share}")
 
@@ -118,7 +123,7 @@ VARIANTS: dict[str, dict] = {
         "features": "motion",
         "components": 128,
         "decoder": "window",
-        "window_offsets": RECENT_PAST,
+        "window_offsets": (*RECENT_PAST, 20),
         "window_hidden": (640, 640, 640),
     },
     "gru": {"features": "motion", "components": 128, "decoder": "gru", "layers": 1, "width": 384},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from models.garment_fitting import (
 )
 from models.garment_mirror import mirror_map, mirrored_example
 from models.garment_regressor import VARIANTS, Regressor, RegressorConfig, variant_config
+from models.kernel_correction import PENALTY, KernelCorrection
 from models.motion_features import MotionTrack, track_features
 from models.sequence_regressor import SequenceRegressor
 from models.shape_code import ShapeCode
@@ -171,6 +173,50 @@ def test_every_variant_learns_a_small_set_and_survives_its_file(body: Body, vari
     np.testing.assert_array_equal(again.dress(examples[0].track), model.dress(examples[0].track))
 
 
+def test_kernel_correction_interpolates_near_its_centres_and_fades_far_from_them() -> None:
+    generator = torch.Generator().manual_seed(0)
+    inputs = torch.randn(300, 5, generator=generator)
+    missing = torch.stack([torch.sin(inputs[:, 0]), inputs[:, 1] * inputs[:, 2]], dim=1)
+    correction = KernelCorrection(200, 5, 2)
+    assert not correction(inputs).any()
+    correction.fit(inputs[:200], missing[:200])
+    error = (correction(inputs.view(3, 100, 5)).flatten(0, 1) - missing).square().mean(0).sqrt()
+    assert (error < 0.3 * missing.std(0)).all()
+    at_centres = (correction(inputs[:200]) - missing[:200]).square().mean().sqrt()
+    assert at_centres < 0.1 * missing.std()
+    # The normal equations, on their own: (K + penalty I) w = missing, in other words K w = missing - penalty w.
+    rest = missing[:200] - PENALTY * correction.weights
+    np.testing.assert_allclose(correction(inputs[:200]).numpy(), rest.numpy(), atol=2e-3)
+    assert correction(100.0 * inputs[:5]).abs().max() < 1e-6
+    with pytest.raises(ValueError, match="at least one centre"):
+        KernelCorrection(0, 5, 2)
+    with pytest.raises(ValueError, match=r"expected inputs \[200, 5\]"):
+        correction.fit(inputs, missing)
+
+
+def test_corrected_window_regressor_knows_what_its_network_did_not_learn(body: Body, tmp_path: Path) -> None:
+    examples = _examples(body, 4)
+    config = variant_config("window", VERTICES, components=20, window_hidden=(16,), dropout=0.0, centres=1000)
+    settings = RegressorTraining(TrainingSettings(epochs=2, checkpoint_every=1000), batch=24)
+    strange = GarmentExample(examples[0].track, examples[0].vertices + np.float32(0.5), mirrored=True)
+    errors = []
+    for name, centres in (("plain", 0), ("corrected", 1000)):
+        chosen, lines = replace(config, centres=centres), []
+        model, _ = fit_garment_regressor(
+            [*examples, strange], FACES, chosen, settings, tmp_path / name, examples[:1], lines.append
+        )
+        dressed = np.concatenate(model.dress_all([e.track for e in examples]))
+        errors.append(np.sqrt(np.square(dressed - np.concatenate([e.vertices for e in examples])).sum(-1).mean()))
+    # All simulated frames are centres, mirrored ones are none.
+    assert model.config.centres == 4 * FRAMES and any("corrected" in line for line in lines)
+    assert errors[1] < 0.2 * errors[0]
+    save_regressor(tmp_path / "model.pt", model)
+    again = load_regressor(tmp_path / "model.pt")
+    np.testing.assert_array_equal(again.dress(examples[0].track), model.dress(examples[0].track))
+    longer = again.dress(_track(body, 2, frames=200))
+    assert longer.shape == (200, VERTICES, 3) and np.isfinite(longer).all()
+
+
 def test_start_token_is_frozen_after_its_own_training(body: Body, tmp_path: Path) -> None:
     examples = _examples(body, 4)
     config = variant_config("paper", VERTICES, **SMALL)
@@ -241,6 +287,7 @@ def test_mirrored_example_is_the_garment_of_the_mirrored_motion(body: Body) -> N
     np.testing.assert_allclose(mirrored.track.joints, again, atol=1e-4)
     expected = np.stack([tube(0.1, -lean) for lean in np.linspace(0.0, 0.2, 5)])
     assert np.abs(mirrored.vertices - expected).max() < 0.02 < np.abs(example.vertices - expected).max()
+    assert mirrored.mirrored and not example.mirrored
     back = mirrored_example(mirrored, weights)
     np.testing.assert_allclose(back.track.joints, track.joints, atol=1e-6)
     assert np.abs(back.vertices - example.vertices).max() < 0.03
@@ -253,5 +300,7 @@ def test_bad_input_is_named(body: Body) -> None:
         variant_config("best", 10)
     with pytest.raises(ValueError, match="must rise from 0"):
         RegressorConfig(10, window_offsets=(1, 2))
+    with pytest.raises(ValueError, match="regressor centres: 5 with decoder 'transformer'"):
+        RegressorConfig(10, centres=5)
     with pytest.raises(ValueError, match=r"expected vertices \[12, V, 3\], got \[3, 5, 3\]"):
         GarmentExample(_track(body, 0), np.zeros((3, 5, 3), dtype=np.float32))
