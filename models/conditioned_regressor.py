@@ -113,9 +113,16 @@ class ConditionedRegressor(Regressor):
         self.network = self.direct_network()
 
     def set_condition_scaling(self, rows: np.ndarray, base: np.ndarray) -> None:
-        """Mean and spread of the training conditions [N, C], each set once, and the base conditions [C]."""
-        self.condition_mean.copy_(torch.as_tensor(rows.mean(axis=0)))
-        self.condition_scale.copy_(torch.as_tensor(rows.std(axis=0)).clamp_min(1e-6))
+        """Mean and spread of the training conditions [N, C] and the base conditions [C].
+
+        Each parameter set and each body counts once, however many simulations it is in: bodies are few beside the
+        parameter sets, which are all on one, and their coefficients would seem to lie far outside of what is usual.
+        """
+        count = len(self.columns.parameters)
+        sets = [np.unique(part, axis=0) for part in (rows[:, :count], rows[:, count:])]
+        self.condition_mean.copy_(torch.as_tensor(np.concatenate([part.mean(axis=0) for part in sets])))
+        spread = np.concatenate([part.std(axis=0) for part in sets])
+        self.condition_scale.copy_(torch.as_tensor(spread).clamp_min(1e-6))
         self.base.copy_(self.standardised(base))
 
     def standardised(self, rows: np.ndarray) -> Tensor:
@@ -189,8 +196,7 @@ def fit_conditioned_regressor(
     tracks = [e.garment.track for e in examples]
     regressor.set_feature_scaling(np.concatenate([track_features(t, config.features) for t in tracks]))
     rows = columns.rows([e.conditions for e in examples])
-    # A parameter set counts once, however many clips it has.
-    regressor.set_condition_scaling(np.unique(rows, axis=0), columns.rows([base])[0])
+    regressor.set_condition_scaling(rows, columns.rows([base])[0])
     step = max(1, sum(t.frames for t in tracks) // MOST_BASIS_SHAPES)
     shapes = np.concatenate([e.garment.vertices[number % step :: step] for number, e in enumerate(examples)])
     regressor.shape.fit(shapes, np.random.default_rng(settings.training.seed))

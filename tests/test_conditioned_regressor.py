@@ -166,6 +166,16 @@ def test_bad_conditions_are_named(body: Body, conditioned: ConditionedRegressor,
         CodedExamples([one.garment.track], np.zeros((1, 3, 2), np.float32), np.zeros((1, 0), np.float32))
 
 
+def test_few_bodies_among_many_parameter_sets_are_not_held_as_unusual() -> None:
+    conditions = [Conditions({"bend": b}, (0.0,)) for b in np.linspace(1.0, 2.0, 60)]
+    conditions += [Conditions({"bend": 1.5}, (g,)) for g in (-1.5, 1.0, 1.5)]
+    columns = ConditionColumns.varied(conditions, ())
+    regressor = ConditionedRegressor(_config(), _faces(), columns)
+    regressor.set_condition_scaling(columns.rows(conditions), columns.rows([BASE])[0])
+    told = regressor.standardised(columns.rows([Conditions({"bend": 1.5}, (g,)) for g in (1.5, 1.8)]))
+    assert told[0, 1] < told[1, 1] < 2.0
+
+
 def test_a_parameter_that_is_left_out_is_not_told() -> None:
     two = [Conditions({"bend": b, "substeps": s}, (s, 0.0)) for b, s in ((1.0, 10), (2.0, 20))]
     columns = ConditionColumns.varied(two, {"bend"}, without={"substeps"})
