@@ -33,6 +33,9 @@ from models.training import Progress, TrainingSettings, array_digest, prepare, s
 
 _BLOCK = 4096
 _TINY = 1e-12
+_MOST_FRAMES = 12_000
+"""Frames, spread evenly over all, that principal components are found from: neighbouring frames are alike. A quarter of
+44,000 costs a quarter of the time, and leaves 0.5 to 1.3% more outside of 200 to 512 components."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,8 @@ class PrincipalFrames:
     def of(cls, vertices: np.ndarray, faces: np.ndarray, components: int, seed: int) -> PrincipalFrames:
         """Of frames [N, V, 3] [m]; fewer components where the frames have fewer."""
         flat = _checked(vertices)
-        pca = fit_pca(flat, min(components, len(flat) - 1, flat.shape[1]), seed)
+        chosen = flat[:: -(-len(flat) // _MOST_FRAMES)]
+        pca = fit_pca(chosen, min(components, len(chosen) - 1, flat.shape[1]), seed)
         basis, mean = torch.from_numpy(pca.components), torch.from_numpy(pca.mean)
         coefficients, rest = [], []
         for start in range(0, len(flat), _BLOCK):

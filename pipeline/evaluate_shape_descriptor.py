@@ -26,7 +26,7 @@ from pipeline.stage import Job, run_stage
 SHAPES = 60
 """Frames, or pairs of frames, of the tables of shapes that no frame has."""
 MOST_NEAREST = 4000
-"""Training frames among which the nearest is searched; neighbouring frames are alike."""
+"""Training frames that implausible shapes are judged by: the nearest of them, their components, their codes."""
 
 
 def main(job: Job) -> None:
@@ -57,9 +57,9 @@ def main(job: Job) -> None:
     rest, edges = template.vertices, template.topology.edges
     between = interpolation_rows(shown, frames, other, rest, edges)
     _write(job, 1, merge_tables([between], split=split))
-    most = min(len(training) - 1, 3 * training.shape[1])
-    pca = fit_pca(training.reshape(len(training), -1), used.config.code, seed) if used.config.code <= most else None
     nearest = training[:: -(-len(training) // MOST_NEAREST)]
+    most = min(len(nearest) - 1, 3 * nearest.shape[1])
+    pca = fit_pca(nearest.reshape(len(nearest), -1), used.config.code, seed) if used.config.code <= most else None
     projected = projection_rows(shown, pca, nearest, frames, rest, edges, seed)
     _write(job, 2, merge_tables([projected], split=split))
 

@@ -22,15 +22,24 @@ def main(job: Job) -> None:
     """Train and save."""
     template, *shards = job.inputs
     body, model, variant = job_body(job), job.spec["model"], job.spec["variant"]
-    training = canonical_frames(job_sequences(job, shards, (TRAIN,)), body)
-    held_out = canonical_frames(job_sequences(job, shards, (UNSEEN_BOTH,)), body)[::VALIDATION_STRIDE]
+    # Read once: whichever splits are asked for, all of a shard has to be decompressed.
+    sequences = job_sequences(job, shards, (TRAIN, UNSEEN_BOTH))
+    for split in (TRAIN, UNSEEN_BOTH):
+        if not any(s.split == split for s in sequences):
+            raise ValueError(
+                f"{job.spec['garment']}: no simulated sequence in split {split}; were all of them dropped?"
+            )
+    training, held_out = (
+        canonical_frames([s for s in sequences if s.split == split], body) for split in (TRAIN, UNSEEN_BOTH)
+    )
+    del sequences
     module = fit_shape_descriptor(
         training,
         GarmentTemplate.load(template).faces,
         settings_of(ShapeDescriptorConfig, model, variant=variant),
         training_settings(job, model),
         work_dir(job.outputs[1]),
-        validation=held_out,
+        validation=held_out[::VALIDATION_STRIDE],
         progress=TrainingProgress(f"{job.spec['garment']} shape descriptor {variant}"),
     )
     save_shape_descriptor(job.outputs[0], module)

@@ -11,6 +11,7 @@ import torch
 from evaluation.descriptor import descriptor_rows, interpolate_shapes, method_name
 from evaluation.descriptor_shapes import PLAUSIBLE, NearestFrames, interpolation_rows, projection_rows
 from geometry.topology import MeshTopology
+from models import descriptor_fitting
 from models.descriptor_fitting import PrincipalFrames, fit_shape_descriptor, set_components
 from models.pca import fit_pca
 from models.shape_descriptor import (
@@ -281,6 +282,21 @@ def test_implausible_shapes_become_plausible(tmp_path):
     # What no training frame held must not send the network anywhere: the result stays as near as PCA brings it.
     for shape in {r["shape"] for r in rows}:
         assert by[shape, "descriptor, residual-pca"]["nearest_mm"] < 2 * by[shape, "PCA"]["nearest_mm"]
+
+
+def test_components_of_some_frames_describe_all(monkeypatch):
+    """Found from every second frame, they hold the others nearly as well, and every frame keeps its own error."""
+    vertices, faces = cloth()
+    flat = vertices.reshape(len(vertices), -1)
+    monkeypatch.setattr(descriptor_fitting, "_MOST_FRAMES", 80)
+    frames = PrincipalFrames.of(vertices, faces, 12, 0)
+    assert frames.coefficients.shape == (160, 12)
+    inside = frames.pca.decode(frames.coefficients.numpy())
+    outside = np.square(flat - inside).sum(axis=1)
+    assert frames.rest.numpy() == pytest.approx(outside, rel=1e-2, abs=1e-5)
+    best = fit_pca(flat, 12)
+    least = np.square(flat - best.decode(best.encode(flat))).sum()
+    assert least < outside.sum() < 2.0 * least
 
 
 def test_nearest_frame_is_the_nearest():
