@@ -18,10 +18,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-REACH = 2.0
+REACH = 1.0
 """Length scale of the kernel, in root mean squared norms of an input."""
 
-PENALTY = 1.0e-2
+PENALTY = 4.0e-2
 """Variance of what cannot be interpolated over that of what can."""
 
 BLOCK = 2048
