@@ -186,12 +186,11 @@ def encode_spec(config: Config, garment: str) -> str:
 
 
 def curve_spec(config: Config, garment: str) -> str:
-    """The shape descriptor in use, at the lengths of the curve and for the curve's epochs."""
+    """The shape descriptor in use, at the lengths of the curve for its epochs, and without the Laplacian term."""
     settings = config["models"]["shape_descriptor"]
     model, curve = settings["variants"][settings["use"]], settings["curve"]
-    model = model | {"training": model["training"] | {"epochs": curve["epochs"]}}
     spec = _learning(config) | {"garment": garment, "variant": settings["use"], "model": model}
-    return canonical(spec | {"codes": curve["codes"]})
+    return canonical(spec | {"codes": curve["codes"], "epochs": curve["epochs"]})
 
 
 def fine_tune_spec(config: Config, garment: str) -> str:

@@ -1,14 +1,15 @@
 """Stage ``train_descriptor_curve``: the descriptor in use at other lengths of the code, and without the Laplacian term.
 
 In: the template and all shards of a garment. Out: a folder with a model file for each length of the curve (Wang 2019,
-Fig. 7) and one at the length in use without the Laplacian term (Fig. 6). All see the training frames of the descriptor
-in use, and are trained for the epochs that the config's ``curve`` names; principal components are found once for all.
+Fig. 7), trained for the epochs that the config's ``curve`` names, and one at the length in use without the Laplacian
+term (Fig. 6), trained as the descriptor in use. All see its training frames; components are found once for all.
 """
 
 from __future__ import annotations
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 from datasets.splits import TRAIN
@@ -40,8 +41,10 @@ def main(job: Job) -> None:
     made.mkdir(parents=True)
     for name, changes in curve_changes(job.spec["codes"]).items():
         own = settings_of(ShapeDescriptorConfig, model | changes, variant=variant)
+        # What differs in the Laplacian term alone is trained as long as what it is held against.
+        trained = settings if name == NO_LAPLACIAN else replace(settings, epochs=job.spec["epochs"])
         progress = TrainingProgress(f"{job.spec['garment']} shape descriptor {variant} {name}")
-        module = fit_shape_descriptor(training, faces, own, settings, work / name, progress=progress, frames=frames)
+        module = fit_shape_descriptor(training, faces, own, trained, work / name, progress=progress, frames=frames)
         save_shape_descriptor(made / f"{name}.pt", module)
     shutil.rmtree(final, ignore_errors=True)
     os.replace(made, final)
