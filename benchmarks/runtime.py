@@ -44,6 +44,7 @@ from pipeline.motion_data import generated_tracks
 FRAMES, FPS, LEAD_IN, SEED = 60, 30.0, 24, 20191
 LABELS = tuple(f"label {number}" for number in range(66))  # as many as the paper has
 REGRESSORS = ("paper", "steady", "window")
+DEFAULT_SIZES = {"window": {"components": 256, "centres": 6600}}  # of the default run, where other than the code has
 
 GOALS = {
     "label to dressed body": 2.3,
@@ -106,7 +107,8 @@ def animation_rows(body: Body, template: GarmentTemplate, clip: Clip, repetition
     posed = timed("body", "-", len(body.vertices), lambda: body.posed(clip.pose, clip.root))
     track = MotionTrack(clip.pose, body.joint_positions(clip.pose, clip.root), 0, FPS)
     for name in REGRESSORS:
-        regressor = build_regressor(variant_config(name, len(template.vertices)), template.faces).eval()
+        config = variant_config(name, len(template.vertices), **DEFAULT_SIZES.get(name, {}))
+        regressor = build_regressor(config, template.faces).eval()
         dressed[name] = timed("garment", name, len(template.vertices), lambda r=regressor: r.dress(track))
     for name, motion, garment in (("paper", "paper", "paper"), ("ours", "dense", "window")):
         total = drawn[motion] + posed + dressed[garment]
