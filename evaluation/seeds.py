@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from numbers import Integral
 
 import numpy as np
 
@@ -32,7 +33,9 @@ def split_seed(name: str) -> tuple[str, int]:
 
 
 def average_seeds(rows: Sequence[Row], spread: Sequence[str]) -> list[Row]:
-    """Rows that differ in the seed of a training alone become one: the mean of each number, and how far seeds differ.
+    """Rows that differ in the seed of a training alone become one: the mean of each figure, and how far seeds differ.
+
+    Texts and whole numbers (a dimension, a number of sequences) say what a row is about; other numbers are figures.
 
     Args:
         rows: Rows of a table; the name of a repeated training may stand anywhere in a text.
@@ -44,7 +47,7 @@ def average_seeds(rows: Sequence[Row], spread: Sequence[str]) -> list[Row]:
     groups: dict[tuple, list[Row]] = {}
     for row in rows:
         plain = {key: _SEED.sub("", cell) if isinstance(cell, str) else cell for key, cell in row.items()}
-        marks = tuple((k, cell) for k, cell in plain.items() if isinstance(cell, str | bool))
+        marks = tuple((key, cell) for key, cell in plain.items() if isinstance(cell, str | Integral))
         groups.setdefault(marks, []).append(plain)
     return [_averaged(group, spread) if len(group) > 1 else group[0] for group in groups.values()]
 

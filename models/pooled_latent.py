@@ -1,6 +1,6 @@
 """Ours: a latent that many frames agree upon, decoded as a correction of what the motion alone tells.
 
-Four things differ from the paper's network (``models.motion_invariant``), each because without it z held the frame and
+Five things differ from the paper's network (``models.motion_invariant``), each because without it z held the frame and
 not the material:
 
 - The motion gives a shape by itself, ``S_0(M)``, and z only corrects it: ``F_D(z | M) = S_0(M) + U(...U(z | M) | M)``.

@@ -16,6 +16,7 @@ from datasets.shards import MATERIALS
 from datasets.splits import TRAIN, UNSEEN_BOTH, UNSEEN_MOTIONS, UNSEEN_PARAMETERS
 from evaluation.intrinsic import against_controls, transfer_rows, variance_row
 from evaluation.recovery import GROUPS, effects_mm, recovery_rows, with_groups
+from evaluation.seeds import average_seeds
 from evaluation.table import Row, merge_tables, write_table
 from models.intrinsic_fitting import load_motion_invariant
 from models.motion_invariant import MotionInvariantNetwork
@@ -82,8 +83,9 @@ def main(job: Job) -> None:
         elif network.config.variant != "motion-only":
             recovery += merge_tables([recovery_rows(network, training, tests, parameters, LOGARITHMIC)], **labels)
     recovery = [row | {"effect_mm": effects.get(row["parameter"])} for row in recovery]
-    write_table(job.outputs[0], merge_tables([against_controls(transfer)], garment=spec["garment"]))
-    write_table(job.outputs[1], merge_tables([recovery], garment=spec["garment"]))
+    transfer = average_seeds(against_controls(transfer), ["rmse_mm", "clip_variance_ratio"])
+    write_table(job.outputs[0], merge_tables([transfer], garment=spec["garment"]))
+    write_table(job.outputs[1], merge_tables([average_seeds(recovery, ["r2"])], garment=spec["garment"]))
 
 
 def _effects(

@@ -44,7 +44,12 @@ def test_a_missing_figure_is_no_zero():
     assert row["r2"] == 0.5 and "r2_seed_std" not in row
 
 
-@pytest.mark.parametrize("number", [np.float32(2.0), np.int64(2)])
-def test_numbers_of_numpy_are_numbers(number):
-    (row,) = average_seeds([{"v": "x", "e": number}, {"v": "x-seed-2", "e": number + 2}], ["e"])
-    assert row["e"] == pytest.approx(3.0)
+def test_whole_numbers_tell_rows_apart():
+    rows = [{"method": "PCA", "dimension": d, "rmse_mm": 10.0 / d} for d in (25, 50)]
+    assert average_seeds(rows, ["rmse_mm"]) == rows
+
+
+def test_numbers_of_numpy_are_numbers():
+    rows = [{"v": "x", "e": np.float32(2.0), "n": np.int64(3)}, {"v": "x-seed-2", "e": np.float32(4.0), "n": 3}]
+    (row,) = average_seeds(rows, ["e"])
+    assert row["e"] == pytest.approx(3.0) and row["n"] == 3
