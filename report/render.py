@@ -18,6 +18,7 @@ from scipy.ndimage import gaussian_filter
 
 from geometry.topology import MeshTopology, normalized, vertex_normals
 from report.camera import Framing, View
+from report.colours import BODY, GARMENT_COLOURS
 
 if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
     # Without a display VTK would try X first and complain on every window.
@@ -28,14 +29,6 @@ from PIL import Image
 
 BACKGROUND = np.array([0.955, 0.950, 0.942])
 GROUND = np.array([0.918, 0.911, 0.900])
-BODY = (0.835, 0.790, 0.755)
-GARMENT_COLOURS = {
-    "skirt": (0.145, 0.470, 0.520),
-    "tshirt": (0.820, 0.360, 0.270),
-    "pants": (0.250, 0.330, 0.560),
-}
-"""Colours by garment kind, RGB in 0..1."""
-
 Colour = str | tuple[float, float, float] | np.ndarray
 """A key of ``GARMENT_COLOURS``, one RGB in 0..1, or one for each garment vertex, shape [V, 3]."""
 
