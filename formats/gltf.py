@@ -1,9 +1,11 @@
 """Binary glTF 2.0 (GLB): every mesh a node with morph targets, whose weights one animation moves.
 
-A mesh's rest state is frame 0, so that a program without animation shows that one. The targets are those of
-``formats.morph_targets``: at most 200, as many as the motion needs, whatever its length. Short clips are exact; how far
-a frame is off at most is in the ``extras`` of the mesh [m]. Times are in seconds, from 0: Blender, three.js and all
-others play it at its own rate. Materials are matt; the cloth's is seen from both sides.
+The targets are those of ``formats.morph_targets``: as many as the motion needs, 200 at most, because graphics cards
+take no more. A long clip of crumpled cloth needs more: its mesh is cut in time into pieces ``<mesh>_0``, ``<mesh>_1``
+..., each shown (scale 1, else 0: the format's own way) while it is its turn. How far a frame is off at most is in the
+``extras`` of a mesh [m]. The rest shape is the first frame, so that a program without animation shows that one. Times
+are in seconds, from 0: Blender, three.js and all others play it at its own rate. Materials are matt; cloth is seen from
+both sides.
 """
 
 from __future__ import annotations
@@ -11,15 +13,20 @@ from __future__ import annotations
 import json
 import os
 import struct
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from formats.animation import AnimatedMesh, Animation
-from formats.morph_targets import MOST_TARGETS, TOLERANCE, morph_targets
+from formats.morph_targets import MOST_TARGETS, TOLERANCE, MorphTargets, morph_targets
 from formats.target import new_file, refuse_existing
 
 LARGEST = 2**32 - 1
 """Bytes of a GLB file: its length is 32 bits wide."""
+
+ROUNDING = 2e-6
+"""Distance [m] that single precision leaves in any case."""
 
 FLOAT, UNSIGNED = 5126, 5125
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
@@ -39,7 +46,7 @@ def write_glb(
         animation: What to write.
         force: Whether a file that exists may be replaced.
         tolerance: Root mean square distance of a mesh's vertices that is aimed at in every frame [m].
-        most_targets: Morph targets of a mesh, at most.
+        most_targets: Morph targets of a mesh, at most; at least 3.
 
     Raises:
         ValueError: The file exists, or would be larger than the format allows.
@@ -47,12 +54,8 @@ def write_glb(
     """
     refuse_existing(path, force)
     content = _Content()
-    times = None
-    if animation.frames > 1:
-        seconds = np.arange(animation.frames) / animation.fps
-        times = content.accessor(seconds.astype(np.float32), "SCALAR", bounds=True)
     for mesh in animation.meshes:
-        content.add(mesh, times, tolerance, most_targets)
+        content.add(mesh, animation.fps, tolerance, most_targets)
     head = content.document(animation.name)
     size = 12 + 8 + len(head) + 8 + content.size
     if size > LARGEST:
@@ -80,43 +83,71 @@ class _Content:
         self.nodes: list[dict] = []
         self.samplers: list[dict] = []
         self.channels: list[dict] = []
+        self.times: dict[bytes, int] = {}
 
-    def add(self, mesh: AnimatedMesh, times: int | None, tolerance: float, most: int) -> None:
-        """A mesh with its node, material, targets and their weights."""
-        targets = morph_targets(mesh, tolerance, most)
-        attributes = {
+    def add(self, mesh: AnimatedMesh, fps: float, tolerance: float, most: int) -> None:
+        """A mesh with its node and material, its targets and their weights; or several, one after the other in time."""
+        shared: dict[str, dict | int] = {"attributes": {}, "material": self._material(mesh)}
+        shared["indices"] = self.accessor(mesh.faces.astype(np.uint32).reshape(-1), "SCALAR", ELEMENT_ARRAY_BUFFER)
+        if mesh.uv is not None:
+            # glTF counts texture rows from the top.
+            flipped = np.stack([mesh.uv[:, 0], 1.0 - mesh.uv[:, 1]], axis=1).astype(np.float32)
+            shared["attributes"]["TEXCOORD_0"] = self.accessor(flipped, "VEC2", ARRAY_BUFFER)
+        last = len(mesh.frames) - 1
+        whole = morph_targets(mesh, tolerance, most)
+        if whole.worst_rms <= max(1.01 * tolerance, ROUNDING) or last < most:
+            self._piece(mesh.name, mesh, whole, shared, np.arange(last + 1) / fps)
+            return
+        # With fewer frames than targets a piece is exact. Neighbours share a frame, so that none is shown for longer.
+        starts = np.linspace(0, last, -(-last // (most - 2)) + 1).round().astype(int)
+        for number, (start, end) in enumerate(pairwise(starts.tolist())):
+            piece = replace(mesh, frames=mesh.frames[start : end + 1])
+            times = np.arange(start, end + 1) / fps
+            node = self._piece(f"{mesh.name}_{number}", piece, morph_targets(piece, tolerance, most), shared, times)
+            self._show(node, start / fps, None if end == last else end / fps)
+
+    def _piece(self, name: str, mesh: AnimatedMesh, targets: MorphTargets, shared: dict, times: np.ndarray) -> int:
+        """Number of a new node with a mesh over some time [s]."""
+        own = {
             "POSITION": self.accessor(mesh.frames[0], "VEC3", ARRAY_BUFFER, bounds=True),
             "NORMAL": self.accessor(targets.base_normals, "VEC3", ARRAY_BUFFER),
         }
-        if mesh.uv is not None:
-            # glTF counts texture rows from the top.
-            flipped = np.stack([mesh.uv[:, 0], 1.0 - mesh.uv[:, 1]], axis=1)
-            attributes["TEXCOORD_0"] = self.accessor(flipped.astype(np.float32), "VEC2", ARRAY_BUFFER)
-        primitive = {
-            "attributes": attributes,
-            "indices": self.accessor(mesh.faces.astype(np.uint32).reshape(-1), "SCALAR", ELEMENT_ARRAY_BUFFER),
-            "material": self._material(mesh),
-        }
-        own: dict = {"name": mesh.name, "primitives": [primitive]}
-        self.nodes.append({"name": mesh.name, "mesh": len(self.meshes)})
-        self.meshes.append(own)
+        primitive = shared | {"attributes": own | shared["attributes"]}
+        described: dict = {"name": name, "primitives": [primitive]}
+        node = len(self.nodes)
+        self.nodes.append({"name": name, "mesh": len(self.meshes)})
+        self.meshes.append(described)
         count = targets.weights.shape[1]
-        if count == 0 or times is None:
-            return
-        positions = self.stacked(targets.positions, bounds=True)
-        normals = self.stacked(targets.normals)
-        primitive["targets"] = [{"POSITION": p, "NORMAL": n} for p, n in zip(positions, normals)]
-        own["weights"] = [0.0] * count
-        own["extras"] = {
-            "targetNames": [f"shape_{k:03d}" for k in range(count)],
-            "largest_distance_m": float(f"{targets.worst:.3g}"),
-            "rms_distance_m": float(f"{targets.worst_rms:.3g}"),
-        }
-        output = self.accessor(targets.weights.reshape(-1), "SCALAR")
-        self.channels.append(
-            {"sampler": len(self.samplers), "target": {"node": len(self.nodes) - 1, "path": "weights"}}
-        )
-        self.samplers.append({"input": times, "output": output, "interpolation": "LINEAR"})
+        if count:
+            positions = self.stacked(targets.positions, bounds=True)
+            normals = self.stacked(targets.normals)
+            primitive["targets"] = [{"POSITION": p, "NORMAL": n} for p, n in zip(positions, normals)]
+            described["weights"] = [0.0] * count
+            described["extras"] = {
+                "targetNames": [f"shape_{k:03d}" for k in range(count)],
+                "largest_distance_m": float(f"{targets.worst:.3g}"),
+                "rms_distance_m": float(f"{targets.worst_rms:.3g}"),
+            }
+            self._track(node, "weights", times, targets.weights.reshape(-1), "SCALAR", "LINEAR")
+        return node
+
+    def _show(self, node: int, start: float, end: float | None) -> None:
+        """Show a node from a moment to another [s] only."""
+        times, sizes = [start], [1.0]
+        if start > 0.0:
+            times, sizes = [0.0, *times], [0.0, *sizes]
+            self.nodes[node]["scale"] = [0.0, 0.0, 0.0]
+        if end is not None:
+            times, sizes = [*times, end], [*sizes, 0.0]
+        values = np.repeat(np.array(sizes, dtype=np.float32)[:, None], 3, axis=1)
+        self._track(node, "scale", np.array(times), values, "VEC3", "STEP")
+
+    def _track(self, node: int, path: str, times: np.ndarray, values: np.ndarray, kind: str, steps: str) -> None:
+        key = times.astype(np.float32).tobytes()
+        if key not in self.times:
+            self.times[key] = self.accessor(times.astype(np.float32), "SCALAR", bounds=True)
+        self.channels.append({"sampler": len(self.samplers), "target": {"node": node, "path": path}})
+        self.samplers.append({"input": self.times[key], "output": self.accessor(values, kind), "interpolation": steps})
 
     def accessor(self, values: np.ndarray, kind: str, target: int | None = None, bounds: bool = False) -> int:
         """Number of a new accessor with a view of its own."""

@@ -18,7 +18,7 @@ from scipy.linalg import eigh
 
 from formats.animation import FRAMES_PER_CHUNK, AnimatedMesh
 
-TOLERANCE = 2e-4
+TOLERANCE = 1e-4
 """Root mean square distance of the vertices in the worst frame [m] that is aimed at."""
 
 MOST_TARGETS = 200
@@ -90,7 +90,7 @@ def morph_targets(mesh: AnimatedMesh, tolerance: float = TOLERANCE, most: int = 
 
 def _fewest(values: np.ndarray, basis: np.ndarray, allowed: float, most: int) -> int:
     """Leading components after which the energy left over in every frame is at most ``allowed`` [m^2]."""
-    noise = values[0] * 1e-13 * len(values)
+    noise = 8 * np.finfo(np.float64).eps * values[0]
     energy = np.where(values > noise, values, 0.0) * basis**2  # [T, K]
     left = energy.sum(axis=1)[:, None] - np.concatenate(
         [np.zeros((len(energy), 1)), np.cumsum(energy, axis=1)], axis=1
