@@ -6,7 +6,9 @@ Metres, y up. ``.usda`` is text, ``.usdc`` and ``.usd`` are binary.
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -23,12 +25,15 @@ def write_usd(path: str | os.PathLike, animation: Animation, force: bool = False
     with new_file(path, force) as temporary:
         stage = Usd.Stage.CreateInMemory(f"drapeline{Path(path).suffix}")
         _fill(stage, animation)
+        if shutil.disk_usage(temporary.parent).free < 2 * sum(mesh.frames.nbytes for mesh in animation.meshes):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        # The library does not tell of every failed write, so what was written is read.
         try:
-            written = stage.GetRootLayer().Export(str(temporary))
-        except Tf.ErrorException as error:
-            raise OSError(" ".join(str(error).split())[-200:]) from None
-        if not written or not _reads_back(temporary, stage):
-            raise OSError("the file system took only a part of it")
+            whole = stage.GetRootLayer().Export(str(temporary)) and _reads_back(temporary, stage)
+        except Tf.ErrorException:
+            whole = False
+        if not whole:
+            raise OSError("only a part of it could be stored; is the disk full?")
 
 
 def _fill(stage: Usd.Stage, animation: Animation) -> None:
@@ -86,16 +91,12 @@ def _material(stage: Usd.Stage, path: Sdf.Path, mesh: AnimatedMesh) -> UsdShade.
 
 
 def _reads_back(path: Path, stage: Usd.Stage) -> bool:
-    """Whether the last samples of every mesh came to the disk: the library does not tell of every failed write."""
-    try:
-        again = Usd.Stage.Open(Sdf.Layer.OpenAsAnonymous(str(path)))
-    except Tf.ErrorException:
-        return False
-    last = stage.GetEndTimeCode()
+    """Whether all samples of all meshes came to the disk."""
+    again = Usd.Stage.Open(Sdf.Layer.OpenAsAnonymous(str(path)))
     for prim in stage.Traverse():
         if prim.IsA(UsdGeom.Mesh):
             for name in ("points", "normals"):
-                found = again.GetPrimAtPath(prim.GetPath()).GetAttribute(name)
-                if not found or found.Get(last) != prim.GetAttribute(name).Get(last):
+                own, found = prim.GetAttribute(name), again.GetPrimAtPath(prim.GetPath()).GetAttribute(name)
+                if not found or any(found.Get(time) != own.Get(time) for time in own.GetTimeSamples()):
                     return False
     return True
