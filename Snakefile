@@ -11,6 +11,7 @@ configfile: "configs/default.yaml"
 
 include: "pipeline/rules/common.smk"
 include: "pipeline/rules/data.smk"
+include: "pipeline/rules/wardrobe.smk"
 include: "pipeline/rules/ranges.smk"
 include: "pipeline/rules/learn.smk"
 include: "pipeline/rules/evaluate.smk"

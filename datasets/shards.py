@@ -50,6 +50,8 @@ REPEATED = "repeated"
 """Plan of test clips simulated once more, from a start that differs a little: what no regressor can know."""
 LONG = "long"
 """Plan of a few long motions, base parameters, to be tested on alone."""
+WARDROBE = "wardrobe"
+"""Plan of a garment of many: some clips in its base parameters, others in a sampled material each."""
 SHAPE_COMPONENTS = 10
 """Most shape coefficients of a body."""
 FRAMES_PER_CHUNK = 8

@@ -8,16 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from garments.dress import dress_surface
+from garments.jumpsuit import jumpsuit_surface
 from garments.landmarks import Landmarks, find_landmarks
 from garments.pants import pants_surface
 from garments.quality import CLEARANCE, MeshQuality, assert_quality, measure_quality
 from garments.remesh import remesh
+from garments.shirt import shirt_surface
 from garments.skinning import garment_weights, weight_reach
 from garments.skirt import skirt_surface
 from garments.spec import GarmentSpec
 from garments.surface import DenseSurface
 from garments.template import GarmentTemplate
-from garments.tshirt import tshirt_surface
 from geometry.proximity import closest_surface
 from geometry.topology import MeshTopology
 
@@ -46,8 +48,11 @@ class GarmentKind:
 
 GARMENT_KINDS: dict[str, GarmentKind] = {
     "skirt": GarmentKind(lambda spec, marks, _: skirt_surface(spec, marks), 2, 0.8, held_waist=True, arms=False),
-    "tshirt": GarmentKind(tshirt_surface, 4, 0.9, held_waist=False, arms=True),
+    "tshirt": GarmentKind(shirt_surface, 4, 0.9, held_waist=False, arms=True),
+    "top": GarmentKind(shirt_surface, 4, 0.6, held_waist=False, arms=True),
     "pants": GarmentKind(pants_surface, 3, 1.1, held_waist=True, arms=False),
+    "jumpsuit": GarmentKind(jumpsuit_surface, 5, 1.6, held_waist=False, arms=True),
+    "dress": GarmentKind(dress_surface, 4, 1.4, held_waist=False, arms=True),
 }
 """Every kind that can be built, by the name used in ``GarmentSpec.kind``."""
 

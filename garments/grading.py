@@ -21,7 +21,7 @@ import numpy as np
 from garments.fit import check_uncrossed
 from garments.landmarks import find_landmarks
 from garments.quality import CLEARANCE
-from garments.skinning import smoothed, weight_reach
+from garments.skinning import body_under, smoothed, weight_reach
 from garments.spec import WORN_AS
 from garments.template import GarmentTemplate
 from geometry.proximity import closest_surface
@@ -38,9 +38,8 @@ def displacement(template: GarmentTemplate, own: Body, other: Body) -> np.ndarra
     raw, reach = np.empty_like(vertices), np.empty(len(vertices))
     for layer, kind in enumerate(template.worn_as):
         mine = template.layer == layer
-        under = marks.faces if WORN_AS[kind].arms else marks.trunk_faces
-        hits = closest_surface(vertices[mine], marks.vertices, under)
-        raw[mine] = np.einsum("vk,vkc->vc", hits.barycentric, moved[under[hits.face]])
+        corners, barycentric = body_under(vertices[mine], marks, WORN_AS[kind].arms)
+        raw[mine] = np.einsum("vk,vkc->vc", barycentric, moved[corners])
         reach[mine] = weight_reach(kind, vertices[mine], marks)
     return smoothed(raw, vertices, template.faces, reach, template.pinned)
 

@@ -43,17 +43,43 @@ def pants_surface(spec: GarmentSpec, marks: Landmarks, edge: float) -> DenseSurf
     low[1], high[1] = hem - 4 * spacing, marks.waist + margin
     grid = empty_grid(low, high, spacing)
     points = grid.points()
-    x, y = np.abs(points[..., 0] - marks.joints[PELVIS, 0]), points[..., 1]
-    gap = waist_gap(y, marks.waist, ease)
-    near_crotch = smooth_step((marks.crotch + 0.10 - y) / 0.08) * smooth_step((y - marks.crotch + 0.20) / 0.10)
-    inner = near_crotch * (1.0 - smooth_step((x - 0.01) / 0.07))
-    gap += inner * (min(CROTCH_EASE + sag, ease) - gap) + flare * np.maximum(marks.crotch - y, 0.0)
-    bridged = smooth_step((y - marks.crotch + 0.02) / 0.05)
-    field = eased_field(grid, marks, marks.leg_faces, gap, bridged, close)
-    # Wide legs would grow together: keep a slot of air in the symmetry plane, from where the thighs leave room for it.
-    below_slot = np.maximum(y - (marks.crotch - SLOT_DEPTH), 0.0)
-    slot = SLOT_HALF_WIDTH - np.hypot(x, below_slot)
-    surface = field.with_values(np.maximum(field.values, slot)).level_surface()
+    y = points[..., 1]
+    gap = gap_of_legs(waist_gap(y, marks.waist, ease), points, marks, marks.crotch, min(CROTCH_EASE + sag, ease), flare)
+    field = eased_field(grid, marks, marks.leg_faces, gap, bridged_above_crotch(y, marks.crotch), close)
+    surface = field.with_values(np.maximum(field.values, slot(points, marks, marks.crotch))).level_surface()
     surface = surface.clipped(hem - surface.vertices[:, 1])
     surface = surface.clipped(surface.vertices[:, 1] - marks.waist)
     return surface.largest_component()
+
+
+def gap_of_legs(
+    gap: np.ndarray, points: np.ndarray, marks: Landmarks, crotch: float, inner: float, flare: float
+) -> np.ndarray:
+    """A garment's gap [m] with legs: ``inner`` at the inner thighs around the crotch, ``flare`` below it.
+
+    Args:
+        gap: Gap without regard to the legs [m], shape [NX, NY, NZ].
+        points: Grid points [m], shape [NX, NY, NZ, 3].
+        marks: The body.
+        crotch: Height of the garment's crotch [m].
+        inner: Gap of the fabric at the inner thighs [m].
+        flare: Growth of the gap per metre below the crotch [m/m].
+    """
+    x, y = np.abs(points[..., 0] - marks.joints[PELVIS, 0]), points[..., 1]
+    near_crotch = smooth_step((crotch + 0.10 - y) / 0.08) * smooth_step((y - crotch + 0.20) / 0.10)
+    share = near_crotch * (1.0 - smooth_step((x - 0.01) / 0.07))
+    return gap + (share * (inner - gap) + flare * np.maximum(crotch - y, 0.0))
+
+
+def bridged_above_crotch(y: np.ndarray, crotch: float) -> np.ndarray:
+    """Where hollows are bridged at heights [m], 0..1: not between the legs."""
+    return smooth_step((y - crotch + 0.02) / 0.05)
+
+
+def slot(points: np.ndarray, marks: Landmarks, crotch: float) -> np.ndarray:
+    """Positive [m] in a slot of air in the symmetry plane, from where the thighs leave room for it, down.
+
+    Wide legs would grow together without it.
+    """
+    x, y = np.abs(points[..., 0] - marks.joints[PELVIS, 0]), points[..., 1]
+    return SLOT_HALF_WIDTH - np.hypot(x, np.maximum(y - (crotch - SLOT_DEPTH), 0.0))

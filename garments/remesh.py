@@ -18,6 +18,7 @@ from pyacvd import Clustering
 from scipy.spatial import cKDTree
 
 from garments.surface import DenseSurface
+from geometry.mesh_check import check_mesh
 from geometry.proximity import SurfaceQuery
 from geometry.topology import MeshTopology, edge_lengths, face_angles, face_normals, vertex_normals
 
@@ -68,7 +69,10 @@ def remesh(surface: DenseSurface, count: int, loops: int) -> tuple[np.ndarray, n
             reason = fault
         elif abs(missing) <= max(4, count // 100):
             vertices, faces = _relaxed(surface, curves, *_adjusted(vertices, faces, count))
-            angle = float(np.degrees(face_angles(vertices, faces).min()))
+            # A strap of one triangle's width can hang together by a point: right in all its counts, and no sheet.
+            fault = _sheet_fault(vertices, faces)
+            reason = fault or reason
+            angle = 0.0 if fault else float(np.degrees(face_angles(vertices, faces).min()))
             if angle > best_angle:
                 best, best_angle = (vertices, faces), angle
             if angle >= GOOD_ANGLE:
@@ -118,6 +122,15 @@ def _topology_fault(vertices: np.ndarray, faces: np.ndarray, loops: int) -> str:
     euler = len(vertices) - len(topology.edges) + len(faces)
     if topology.component_count() != 1 or found != loops or euler != 2 - loops:
         return f"{topology.component_count()} components, {found} boundary loops, Euler number {euler}"
+    return ""
+
+
+def _sheet_fault(vertices: np.ndarray, faces: np.ndarray) -> str:
+    """Empty if the mesh is a clean sheet of cloth, else what is wrong."""
+    try:
+        check_mesh("the mesh", vertices, faces)
+    except ValueError as error:
+        return str(error)
     return ""
 
 

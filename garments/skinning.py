@@ -58,21 +58,41 @@ def garment_weights(
         body: The body under the garment.
         marks: Its landmarks.
         reach: Smoothing length per vertex [m], shape [V].
-        arms: Whether the arms may lend weights (not to a skirt that a hand happens to be near).
+        arms: Whether the arms may lend weights, as in ``body_under``.
 
     Returns:
         Joint numbers, shape [V, 4] int32, and weights summing to one, shape [V, 4] float32.
     """
-    under = marks.faces if arms else marks.trunk_faces
-    hits = closest_surface(vertices, marks.vertices, under)
+    corners, barycentric = body_under(vertices, marks, arms)
     dense_body = np.zeros((len(marks.vertices), JOINT_COUNT))
     np.add.at(dense_body, (np.arange(len(dense_body))[:, None], body.skin_index), body.skin_weight)
-    raw = np.einsum("vk,vkj->vj", hits.barycentric, dense_body[under[hits.face]])
+    raw = np.einsum("vk,vkj->vj", barycentric, dense_body[corners])
     smooth = np.maximum(smoothed(raw, vertices, faces, reach, held), 0.0)
     index = np.argsort(-smooth, axis=1, kind="stable")[:, :WEIGHTS_PER_VERTEX]
     weight = np.take_along_axis(smooth, index, axis=1)
     weight /= weight.sum(axis=1, keepdims=True)
     return index.astype(np.int32), weight.astype(np.float32)
+
+
+def body_under(vertices: np.ndarray, marks: Landmarks, arms: bool) -> tuple[np.ndarray, np.ndarray]:
+    """The body surface closest to each vertex of a garment.
+
+    Args:
+        vertices: Garment vertices [m], shape [V, 3].
+        marks: The body.
+        arms: Whether the garment is worn on the arms. Below the crotch they count for none: a wide hem is not a hand's
+            because the hand happens to be near.
+
+    Returns:
+        Corners of the closest body triangles, shape [V, 3], and the closest points' barycentric coordinates, [V, 3].
+    """
+    corners, barycentric = np.empty((len(vertices), 3), dtype=np.int64), np.empty((len(vertices), 3))
+    on_arms = (vertices[:, 1] > marks.crotch) & arms
+    for mine, faces in ((on_arms, marks.faces), (~on_arms, marks.trunk_faces)):
+        if mine.any():
+            hits = closest_surface(vertices[mine], marks.vertices, faces)
+            corners[mine], barycentric[mine] = faces[hits.face], hits.barycentric
+    return corners, barycentric
 
 
 def smoothed(

@@ -18,6 +18,8 @@ RING_STEP = 0.006
 """Height between rings of the dense tube [m]."""
 
 ANGLES = 288
+ANGLES_AROUND = np.arange(ANGLES) * 2.0 * np.pi / ANGLES
+"""Directions [rad] in which radii are measured, from +z towards +x."""
 
 
 def skirt_surface(spec: GarmentSpec, marks: Landmarks) -> DenseSurface:
@@ -31,25 +33,40 @@ def skirt_surface(spec: GarmentSpec, marks: Landmarks) -> DenseSurface:
     ease, flare = spec.measure("ease"), spec.measure("flare")
     rings = max(int(np.ceil(length / RING_STEP)), 8) + 1
     heights = marks.waist - np.linspace(0.0, length, rings)
-    angle = np.arange(ANGLES) * 2.0 * np.pi / ANGLES
-    waist = marks.slice_hull(marks.waist)
-    centre = 0.5 * (waist.min(axis=0) + waist.max(axis=0))  # (x, z)
-    gap = waist_gap(heights, marks.waist, ease)
-    body = np.stack([_radius(marks.slice_hull(y - 1e-4), centre, angle, g) for y, g in zip(heights, gap)])
-    radius = body.copy()
-    for k in range(1, rings):
-        radius[k] = np.maximum(body[k], radius[k - 1] + flare * (heights[k - 1] - heights[k]))
-    # Rounded over ~15 mm, then lifted by what rounding took, so that no ring enters the body's outline.
-    smooth = gaussian_filter1d(radius, 2.5, axis=0, mode="nearest")
-    smooth = gaussian_filter1d(smooth, 3.0, axis=1, mode="wrap")
-    lift = np.maximum(body - smooth, 0.0)
-    radius = smooth + gaussian_filter1d(gaussian_filter1d(lift, 2.0, axis=0, mode="nearest"), 2.0, axis=1, mode="wrap")
-    radius = np.maximum(radius, body)
+    centre, radius = skirt_radius(marks, heights, waist_gap(heights, marks.waist, ease), flare)
+    angle = ANGLES_AROUND
     vertices = np.empty((rings, ANGLES, 3))
     vertices[..., 0] = centre[0] + radius * np.sin(angle)
     vertices[..., 1] = heights[:, None]
     vertices[..., 2] = centre[1] + radius * np.cos(angle)
     return DenseSurface(vertices.reshape(-1, 3), _tube_faces(rings, ANGLES))
+
+
+def skirt_radius(marks: Landmarks, heights: np.ndarray, gap: np.ndarray, flare: float) -> tuple[np.ndarray, np.ndarray]:
+    """Radius of a skirt around the middle of the waist.
+
+    Args:
+        marks: The body.
+        heights: Heights of the rings [m], from the top down in even steps, shape [R].
+        gap: Gap to the body's convex outline at each [m], shape [R].
+        flare: Growth of the radius per metre of height below the waist [m/m].
+
+    Returns:
+        The middle of the waist (x, z) [m], and the radius [m] of each ring at ``ANGLES_AROUND``, shape [R, ANGLES].
+    """
+    waist = marks.slice_hull(marks.waist)
+    centre = 0.5 * (waist.min(axis=0) + waist.max(axis=0))  # (x, z)
+    body = np.stack([_radius(marks.slice_hull(y - 1e-4), centre, ANGLES_AROUND, g) for y, g in zip(heights, gap)])
+    radius = body.copy()
+    for k in range(1, len(heights)):
+        if heights[k] < marks.waist:  # above it, the chest is wider
+            radius[k] = np.maximum(body[k], radius[k - 1] + flare * (heights[k - 1] - heights[k]))
+    # Rounded over ~15 mm, then lifted by what rounding took, so that no ring enters the body's outline.
+    smooth = gaussian_filter1d(radius, 2.5, axis=0, mode="nearest")
+    smooth = gaussian_filter1d(smooth, 3.0, axis=1, mode="wrap")
+    lift = np.maximum(body - smooth, 0.0)
+    radius = smooth + gaussian_filter1d(gaussian_filter1d(lift, 2.0, axis=0, mode="nearest"), 2.0, axis=1, mode="wrap")
+    return centre, np.maximum(radius, body)
 
 
 def _radius(outline: np.ndarray, centre: np.ndarray, angle: np.ndarray, gap: float) -> np.ndarray:

@@ -23,6 +23,11 @@ class Measure:
 
 
 CLOSE = "radius of the ball that bridges hollows such as the armpits and the small of the back [m]"
+NECK = "distance of the neckline from the base of the neck [m]"
+STRAP = "width of the fabric over each shoulder, where there are no sleeves [m]"
+SLEEVE = "shoulder joint to sleeve hem [m]; 0: no sleeves"
+SHORTEST_SLEEVE = 0.08
+"""A shorter sleeve ends in the armpit [m]."""
 
 MEASURES: dict[str, dict[str, Measure]] = {
     "skirt": {
@@ -37,8 +42,34 @@ MEASURES: dict[str, dict[str, Measure]] = {
         "sleeve": Measure(
             "shoulder joint to sleeve hem [m]; from the body: just past the middle of the upper arm", None, 0.08, 0.55
         ),
-        "neck": Measure("distance of the neckline from the base of the neck [m]", 0.010, 0.0, 0.05),
+        "neck": Measure(NECK, 0.010, 0.0, 0.05),
         "close": Measure(CLOSE, 0.035, 0.015, 0.08),
+    },
+    "top": {
+        "length": Measure("neck joint to hem [m]; from the body: to the hip joints", None, 0.30, 0.9),
+        "ease": Measure("gap to the body at the chest [m]", 0.010, 0.004, 0.03),
+        "flare": Measure("growth of the gap per metre below the armpits [m/m]", 0.05, 0.0, 0.15),
+        "neck": Measure(NECK, 0.010, 0.0, 0.03),
+        "strap": Measure(STRAP, 0.07, 0.05, 0.10),
+        "close": Measure(CLOSE, 0.030, 0.015, 0.06),
+    },
+    "jumpsuit": {
+        "length": Measure("neck joint to hem [m]; from the body: just above the ankles", None, 0.7, 1.6),
+        "ease": Measure("gap to the body [m]", 0.014, 0.006, 0.05),
+        "flare": Measure("growth of the gap per metre below the crotch [m/m]", 0.03, 0.0, 0.10),
+        "sleeve": Measure(SLEEVE, 0.0, 0.0, 0.55),
+        "neck": Measure(NECK, 0.010, 0.0, 0.03),
+        "strap": Measure(STRAP, 0.07, 0.05, 0.10),
+        "close": Measure(CLOSE, 0.030, 0.015, 0.06),
+    },
+    "dress": {
+        "length": Measure("neck joint to hem [m]; from the body: to the knee", None, 0.6, 1.6),
+        "ease": Measure("gap to the body at the chest [m]", 0.010, 0.004, 0.03),
+        "flare": Measure("growth of the skirt's radius per metre below the waist [m/m]", 0.25, 0.0, 0.8),
+        "sleeve": Measure(SLEEVE, 0.0, 0.0, 0.32),
+        "neck": Measure(NECK, 0.010, 0.0, 0.03),
+        "strap": Measure(STRAP, 0.07, 0.05, 0.10),
+        "close": Measure(CLOSE, 0.030, 0.015, 0.06),
     },
     "pants": {
         "length": Measure("waist to hem [m]; from the body: just above the ankles", None, 0.25, 1.2),
@@ -49,7 +80,14 @@ MEASURES: dict[str, dict[str, Measure]] = {
 }
 """Measures of every garment kind; a measure that a kind lacks may not be given for it."""
 
-VERTEX_LIMITS: dict[str, tuple[int, int]] = {"skirt": (200, 12_600), "tshirt": (350, 12_600), "pants": (400, 12_600)}
+VERTEX_LIMITS: dict[str, tuple[int, int]] = {
+    "skirt": (200, 12_600),
+    "tshirt": (350, 12_600),
+    "top": (350, 12_600),
+    "pants": (400, 12_600),
+    "jumpsuit": (600, 12_600),
+    "dress": (450, 12_600),
+}
 """Fewer vertices than the lower limit tear sleeves or legs; the upper one is the largest published garment."""
 
 
@@ -59,14 +97,15 @@ class GarmentSpec:
 
     Attributes:
         name: Name of the garment in files and tables.
-        kind: "skirt", "tshirt" or "pants".
+        kind: One of ``MEASURES``, which says what each of the following means for it.
         vertices: Vertices of the mesh, met exactly.
-        length: Waist (T-shirt: neck joint) to hem, straight down [m].
+        length: Waist (of what hangs from the shoulders: neck joint) to hem, straight down [m].
         ease: Gap between body and garment [m].
         flare: Widening towards the hem [m/m].
-        sleeve: Shoulder joint to sleeve hem, along the arm [m] (T-shirt).
-        neck: Distance of the neckline from the base of the neck [m] (T-shirt).
-        close: Radius of the ball that bridges hollows of the body [m] (T-shirt, pants).
+        sleeve: Shoulder joint to sleeve hem, along the arm [m]; 0: no sleeves.
+        neck: Distance of the neckline from the base of the neck [m].
+        strap: Width of the fabric over each shoulder, where there are no sleeves [m].
+        close: Radius of the ball that bridges hollows of the body [m].
 
     Raises:
         ValueError: with one sentence that names the field and what is allowed.
@@ -80,6 +119,7 @@ class GarmentSpec:
     flare: float | None = None
     sleeve: float | None = None
     neck: float | None = None
+    strap: float | None = None
     close: float | None = None
 
     def __post_init__(self) -> None:
@@ -93,7 +133,7 @@ class GarmentSpec:
             raise ValueError(
                 f"{where}: 'vertices' of {self.kind} must be a whole number in {low}..{high}, got {self.vertices!r}"
             )
-        for field in ("length", "ease", "flare", "sleeve", "neck", "close"):
+        for field in ("length", "ease", "flare", "sleeve", "neck", "strap", "close"):
             value = getattr(self, field)
             if value is None:
                 continue
@@ -106,6 +146,20 @@ class GarmentSpec:
                 raise ValueError(
                     f"{where}: '{field}' must lie in {measure.low}..{measure.high}, got {value!r} ({measure.meaning})"
                 )
+        if self.sleeve is not None and 0.0 < self.sleeve < SHORTEST_SLEEVE:
+            raise ValueError(
+                f"{where}: 'sleeve' must be 0 (no sleeves) or at least {SHORTEST_SLEEVE}, got {self.sleeve!r}"
+            )
+        if self.strap is not None and self.has_sleeves:
+            raise ValueError(f"{where}: 'strap' is of a garment without sleeves, but 'sleeve' is {self.sleeve!r}")
+
+    @property
+    def has_sleeves(self) -> bool:
+        """Whether the arms are in sleeves, if only to the middle of the upper arm."""
+        if "sleeve" not in MEASURES[self.kind]:
+            return False
+        length = MEASURES[self.kind]["sleeve"].default if self.sleeve is None else self.sleeve
+        return length is None or length > 0.0
 
     def measure(self, field: str, from_body: float | None = None) -> float:
         """The value of a measure: as given, else its default, else what the body says [m]."""
@@ -136,6 +190,8 @@ WORN_AS = {
     "skirt": Worn("top", arms=False),
     "pants": Worn("top", arms=False),
     "tshirt": Worn("none", arms=True),
+    "top": Worn("none", arms=True),
+    "jumpsuit": Worn("none", arms=True),
     "dress": Worn("none", arms=True),
 }
 """What a user's own mesh can be worn as. A skirt and a dress hang around both legs at once."""

@@ -31,8 +31,8 @@ class GarmentTemplate:
 
     Attributes:
         name: Name of the garment.
-        kind: "skirt", "tshirt" or "pants"; of a user's own mesh, what it is worn as ("dress" beside these); "outfit" of
-            several garments.
+        kind: One of ``garments.build.GARMENT_KINDS``; of a user's own mesh, what it is worn as; "outfit" of several
+            garments.
         vertices: Positions on the bind-pose body [m], shape [V, 3] float32.
         faces: Outward triangles, shape [F, 3] int32.
         pinned: Vertices that are held to the body (the waist ring; empty for a T-shirt), shape [P] int32, sorted.

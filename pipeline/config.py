@@ -19,6 +19,7 @@ from jsonschema.exceptions import ValidationError, best_match
 from garments.mesh_file import MESH_FILES
 from garments.spec import MEASURES, VERTEX_LIMITS
 from pipeline.spec import MATERIAL_KEYS, worn_name
+from pipeline.wardrobe_checks import wardrobe_faults
 from sim.fabrics import FABRICS, base_values
 from sim.parameters import PARAMETER_NAMES, base_parameters, parameter
 
@@ -100,6 +101,7 @@ def check_config(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
     _check_ranges(config, layers)
     _check_motions(config, layers)
     _check_data(config, layers)
+    _check_wardrobe(config, layers)
     _check_models(config, layers)
 
 
@@ -115,12 +117,16 @@ def _check_finite(key: tuple, node: Any, layers: Sequence[Layer]) -> None:
 def _check_parameters(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
     for garment, settings in config["garments"].items():
         place = ("garments", garment)
-        if "fabric" in settings:
-            _check_fabric((*place, "fabric"), settings["fabric"], layers)
-        for name, value in settings.get("base", {}).items():
-            _check_parameter((*place, "base", name), name, value, layers)
+        _check_material(place, settings, layers)
         for name, bounds in settings.get("ranges", {}).items():
             _check_interval((*place, "ranges", name), name, bounds, layers)
+
+
+def _check_material(place: tuple, settings: Mapping[str, Any], layers: Sequence[Layer]) -> None:
+    if "fabric" in settings:
+        _check_fabric((*place, "fabric"), settings["fabric"], layers)
+    for name, value in settings.get("base", {}).items():
+        _check_parameter((*place, "base", name), name, value, layers)
 
 
 def _check_interval(key: tuple, name: str, bounds: Mapping[str, float], layers: Sequence[Layer]) -> None:
@@ -284,6 +290,16 @@ def _check_data(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
         if samples % size:
             # A shard that is not full would change when samples are added, and be simulated again.
             raise _error(layers, key, found, f"allowed are multiples of samples_per_shard = {size}")
+
+
+def _check_wardrobe(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
+    wardrobe = config["wardrobe"]
+    for name, ends in wardrobe["ranges"].items():
+        _check_interval(("wardrobe", "ranges", name), name, ends, layers)
+    for category, settings in wardrobe["garments"].items():
+        _check_material(("wardrobe", "garments", category), settings, layers)
+    for key, found, allowed in wardrobe_faults(wardrobe):
+        raise _error(layers, ("wardrobe", *key), found, allowed)
 
 
 def _check_models(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:

@@ -47,7 +47,10 @@ CASES = {
     ),
     "unknown garment": (
         "garments: {skirt: {kind: kilt}}",
-        ["mine.yaml: garments.skirt.kind: unknown garment 'kilt'; allowed are mesh, outfit, pants, skirt, tshirt"],
+        [
+            "mine.yaml: garments.skirt.kind: unknown garment 'kilt'; allowed are dress, jumpsuit, mesh, outfit, pants, "
+            "skirt, top, tshirt"
+        ],
     ),
     "a mesh without a file": (
         "garments: {coat: {kind: mesh, worn_as: dress}}",
@@ -59,7 +62,7 @@ CASES = {
     ),
     "a mesh worn as something else": (
         "garments: {coat: {kind: mesh, worn_as: hat, file: coat.obj}}",
-        ["mine.yaml: garments.coat.worn_as: found 'hat'; allowed are skirt, pants, tshirt, dress"],
+        ["mine.yaml: garments.coat.worn_as: found 'hat'; allowed are skirt, pants, tshirt, top, jumpsuit, dress"],
     ),
     "a measure of a mesh": (
         "garments: {skirt: {kind: mesh, worn_as: skirt, file: coat.obj}}",

@@ -18,7 +18,7 @@ from garments.surface import DenseSurface
 from garments.template import GarmentTemplate
 from geometry.topology import MeshTopology
 
-SMALL_COUNTS = {"skirt": 300, "tshirt": 400, "pants": 450}
+SMALL_COUNTS = {"skirt": 300, "tshirt": 400, "pants": 450, "top": 400, "jumpsuit": 700, "dress": 550}
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def templates(body: Body) -> dict[str, GarmentTemplate]:
 def test_mesh_is_what_was_asked_for(kind: str, templates: dict[str, GarmentTemplate], body: Body) -> None:
     """Exact count, one piece of genus 0 with the right openings, good angles, outside the body, not crossing itself."""
     quality = template_quality(templates[kind], body)
-    loops = {"skirt": 2, "tshirt": 4, "pants": 3}[kind]
+    loops = {"skirt": 2, "tshirt": 4, "pants": 3, "top": 4, "jumpsuit": 5, "dress": 4}[kind]
     assert (quality.vertices, quality.components, quality.loops) == (SMALL_COUNTS[kind], 1, loops)
     assert quality.euler == 2 - loops
     assert quality.smallest_angle > 20.0
@@ -71,7 +71,8 @@ def test_waist_ring_is_held(kind: str, templates: dict[str, GarmentTemplate], bo
     loops = [set(loop.tolist()) for loop in garment.topology.boundary_loops()]
     assert set(garment.pinned.tolist()) in loops
     np.testing.assert_allclose(garment.vertices[garment.pinned, 1], waist, atol=1e-3)
-    assert templates["tshirt"].pinned.size == 0
+    for carried in ("tshirt", "top", "jumpsuit", "dress"):
+        assert templates[carried].pinned.size == 0
 
 
 def test_default_shapes(templates: dict[str, GarmentTemplate], body: Body) -> None:
@@ -86,6 +87,76 @@ def test_default_shapes(templates: dict[str, GarmentTemplate], body: Body) -> No
     ring = shirt.vertices[neckline]
     assert np.ptp(ring[:, 0]) < 0.19  # narrower than the shoulders by far: it cannot slip off
     assert ring[:, 1].min() > body.joints[12, 1] - 0.10
+    neck = body.joints[12, 1]
+    for kind, hem in (("top", hips), ("dress", marks.knee), ("jumpsuit", marks.ankle + 0.04)):
+        garment = templates[kind].vertices
+        assert garment[:, 1].min() == pytest.approx(hem, abs=5e-3)
+        assert neck - 0.02 < garment[:, 1].max() < neck + 0.05
+
+
+def _openings(garment: GarmentTemplate) -> list[np.ndarray]:
+    """Vertices of each opening [m], the lowest first."""
+    loops = [garment.vertices[loop] for loop in garment.topology.boundary_loops()]
+    return sorted(loops, key=lambda ring: ring[:, 1].mean())
+
+
+@pytest.mark.parametrize("kind", ["top", "jumpsuit", "dress"])
+def test_armholes_leave_straps_on_the_shoulders(kind: str, templates: dict[str, GarmentTemplate], body: Body) -> None:
+    """One around each arm, from the strap to under the armpit, alike on both sides; between them cloth to rest on."""
+    garment, shoulder = templates[kind], body.joints[16]
+    holes = [ring for ring in _openings(garment) if abs(ring[:, 0].mean()) > 0.12 and ring[:, 1].mean() > 1.1]
+    assert sorted(np.sign([ring[:, 0].mean() for ring in holes])) == [-1.0, 1.0]
+    for ring in holes:
+        assert shoulder[1] < ring[:, 1].max() < shoulder[1] + 0.11
+        assert shoulder[1] - 0.20 < ring[:, 1].min() < shoulder[1] - 0.08
+        assert np.ptp(np.abs(ring[:, 0])) < 0.07, "nearly upright"
+    neckline = _openings(garment)[-1]
+    top = max(ring[ring[:, 1].argmax(), 0] for ring in holes)
+    assert top - neckline[:, 0].max() == pytest.approx(0.07, abs=0.02)
+    assert np.abs(garment.vertices[garment.vertices[:, 1] > 1.25, 0]).max() < shoulder[0] + 0.06, "the arms are bare"
+
+
+@pytest.mark.parametrize("kind", ["jumpsuit", "dress"])
+def test_sleeves_instead_of_armholes(kind: str, templates: dict[str, GarmentTemplate], body: Body) -> None:
+    """They end where asked, along the arm."""
+    garment = build_template(GarmentSpec("s", kind, SMALL_COUNTS[kind] + 50, sleeve=0.18), body)
+    shoulder, elbow = body.joints[16], body.joints[18]
+    along = (garment.vertices - shoulder) @ (elbow - shoulder) / np.linalg.norm(elbow - shoulder)
+    left = (garment.vertices[:, 0] > 0.2) & (garment.vertices[:, 1] > 1.0)
+    assert along[left].max() == pytest.approx(0.18, abs=3e-3)
+    assert len(_openings(garment)) == len(_openings(templates[kind]))
+
+
+def test_dress_is_a_trunk_and_a_skirt(templates: dict[str, GarmentTemplate], body: Body) -> None:
+    """Close to the chest, narrow at the waist, wider with every step down, and one sheet between the legs."""
+    marks = find_landmarks(body)
+    vertices = templates["dress"].vertices
+    widths = [np.ptp(vertices[np.abs(vertices[:, 1] - y) < 0.03, 0]) for y in (marks.waist, 0.8, 0.6)]
+    assert widths[0] < widths[1] < widths[2]
+    wide = build_template(GarmentSpec("wide", "dress", 900, length=1.1, flare=0.7), body).vertices
+    hem = marks.joints[12, 1] - 1.1
+    assert wide[:, 1].min() == pytest.approx(hem, abs=2e-3)
+    low = wide[wide[:, 1] < hem + 0.02]
+    assert np.ptp(low[:, 0]) > widths[0] + 2 * 0.6 * 0.7 * (marks.waist - hem)
+    angle = np.degrees(np.arctan2(low[:, 0], low[:, 2]))
+    assert np.diff(np.sort(angle)).max() < 40.0
+
+
+def test_jumpsuit_has_room_under_the_crotch(body: Body) -> None:
+    marks = find_landmarks(body)
+    lowest = []
+    for kind, count in (("pants", 1200), ("jumpsuit", 1900)):  # edges of one length
+        garment = build_template(GarmentSpec("g", kind, count), body)
+        ends = garment.vertices[garment.topology.edges]
+        across = ends[(ends[:, 0, 0] > 0.0) != (ends[:, 1, 0] > 0.0)]  # below the crotch no edge is on both sides
+        lowest.append(marks.crotch - across[:, :, 1].mean(axis=1).min())
+    assert 0.0 < lowest[0] < lowest[1] - 0.003 < 0.08
+
+
+def test_a_hand_near_a_wide_hem_lends_it_no_weight(body: Body) -> None:
+    wide = build_template(GarmentSpec("wide", "dress", 900, length=1.1, flare=0.8), body)
+    arms = np.where(np.isin(wide.skin_index, range(16, 24)), wide.skin_weight, 0.0).sum(axis=1)
+    assert arms[wide.vertices[:, 1] < 0.7].max() < 1e-3 < arms.max()
 
 
 def test_skin_weights_are_smooth_and_sided(templates: dict[str, GarmentTemplate]) -> None:
@@ -202,13 +273,20 @@ def test_file_round_trip(tmp_path, templates: dict[str, GarmentTemplate]) -> Non
 @pytest.mark.parametrize(
     ("fields", "text"),
     [
-        ({"kind": "cape"}, "unknown kind 'cape', known kinds are pants, skirt, tshirt"),
+        ({"kind": "cape"}, "unknown kind 'cape', known kinds are dress, jumpsuit, pants, skirt, top, tshirt"),
         ({"length": 5.0}, r"'length' must lie in 0.15..1.1, got 5.0"),
         ({"ease": -0.01}, r"'ease' must lie in .*got -0.01"),
         ({"ease": float("nan")}, "'ease' must lie in"),
         ({"vertices": 20}, r"'vertices' of skirt must be a whole number in 200..12600, got 20"),
         ({"vertices": 300.5}, "'vertices' of skirt must be a whole number"),
         ({"sleeve": 0.2}, "skirt has no measure 'sleeve'"),
+        ({"kind": "top", "vertices": 400, "sleeve": 0.2}, "top has no measure 'sleeve'"),
+        ({"kind": "dress", "vertices": 700, "sleeve": 0.05}, r"'sleeve' must be 0 \(no sleeves\) or at least 0.08"),
+        ({"kind": "dress", "vertices": 700, "sleeve": 0.2, "strap": 0.07}, "'strap' is of a garment without sleeves"),
+        (
+            {"kind": "jumpsuit", "vertices": 500},
+            r"'vertices' of jumpsuit must be a whole number in 600..12600, got 500",
+        ),
         ({"name": " "}, "'name' must be a non-empty text"),
     ],
 )
@@ -224,11 +302,16 @@ def test_spec_refuses(fields: dict, text: str) -> None:
         ("tshirt", {"length": 0.9}, "'length' 0.900 m passes the crotch"),
         ("tshirt", {"sleeve": 0.55}, "'sleeve' 0.550 m passes the wrist"),
         ("pants", {"length": 0.26}, "between crotch and ankles"),
+        ("top", {"length": 0.9}, "'length' 0.900 m passes the crotch"),
+        ("top", {"strap": 0.10, "neck": 0.03}, "'strap' 0.100 m passes the shoulder, this body and a neckline of this"),
+        ("jumpsuit", {"length": 0.7}, "between crotch and ankles"),
+        ("dress", {"length": 1.6}, "between crotch and ankles"),
+        ("dress", {"sleeve": 0.32}, "its sleeves end .* above the waist"),
     ],
 )
 def test_measures_that_do_not_fit_the_body(kind: str, measures: dict, text: str, body: Body) -> None:
     with pytest.raises(ValueError, match=text):
-        build_template(GarmentSpec("g", kind, 500, **measures), body)
+        build_template(GarmentSpec("g", kind, 600, **measures), body)
 
 
 def _changed(array: np.ndarray, at: object, value: float) -> np.ndarray:

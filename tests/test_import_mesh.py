@@ -170,7 +170,7 @@ def test_a_ball_in_front_has_neither_a_top_nor_a_waist(tmp_path, body):
 
 
 def test_the_specification_is_checked():
-    with pytest.raises(ValueError, match="'worn_as' must be one of skirt, pants, tshirt, dress"):
+    with pytest.raises(ValueError, match="'worn_as' must be one of skirt, pants, tshirt, top, jumpsuit, dress"):
         MeshGarmentSpec("low", "low.obj", "hat")
     with pytest.raises(ValueError, match="'held' must be one of none, top, waist"):
         MeshGarmentSpec("low", "low.obj", "skirt", held="hem")
