@@ -15,6 +15,7 @@ include: "pipeline/rules/wardrobe.smk"
 include: "pipeline/rules/ranges.smk"
 include: "pipeline/rules/learn.smk"
 include: "pipeline/rules/evaluate.smk"
+include: "pipeline/rules/mesh_vae_gan.smk"
 include: "pipeline/rules/arcsim.smk"
 include: "pipeline/rules/report.smk"
 

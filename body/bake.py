@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from body.decimate import decimate
 from body.model import DATA_FOLDER, Body
 from body.skeleton import JOINT_COUNT, JOINT_INDEX, JOINT_NAMES, LEFT_RIGHT_PAIRS, PARENTS
 from body.surface import closed_surface_faults, self_intersecting_faces
+from geometry.decimate import decimate
 from geometry.rotations import axis_angle_to_matrix
 from geometry.topology import MeshTopology
 

@@ -101,6 +101,7 @@ def check_config(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
     _check_ranges(config, layers)
     _check_motions(config, layers)
     _check_data(config, layers)
+    _check_clothing_layers(config, layers)
     _check_wardrobe(config, layers)
     _check_models(config, layers)
 
@@ -290,6 +291,33 @@ def _check_data(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
         if samples % size:
             # A shard that is not full would change when samples are added, and be simulated again.
             raise _error(layers, key, found, f"allowed are multiples of samples_per_shard = {size}")
+
+
+def _check_clothing_layers(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
+    """The outfits that are layers on the body mesh, and what the networks on its levels ask for."""
+    settings, place = config["data"]["layers"], ("data", "layers")
+    _check_fabric((*place, "fabric"), settings["fabric"], layers)
+    for name, value in settings["base"].items():
+        _check_parameter((*place, "base", name), name, value, layers)
+    if settings["bodies"] < settings["bodies_every"]:
+        allowed = f"at least bodies_every = {settings['bodies_every']}, or no body is held out"
+        raise _error(layers, (*place, "bodies"), f"found {settings['bodies']}", allowed)
+    variants = config["models"]["mesh_vae_gan"]["variants"]
+    complete = [name for name, one in variants.items() if "like" not in one]
+    for variant, one in variants.items():
+        key = ("models", "mesh_vae_gan", "variants", variant)
+        if "like" in one and one["like"] not in complete:
+            raise _error(layers, (*key, "like"), f"found {one['like']!r}", f"allowed are {', '.join(complete)}")
+        for name in ("levels", "discriminator_levels"):
+            if max(one.get(name, [0])) >= settings["levels"]:
+                allowed = f"data.layers.levels gives 0 to {settings['levels'] - 1}"
+                raise _error(layers, (*key, name), f"found {max(one[name])}", allowed)
+        for ends in ("", "discriminator_"):
+            own = variants[one["like"]] | one if "like" in one else one
+            widths, places = own.get(f"{ends}widths"), own.get(f"{ends}levels")
+            if widths and places and len(widths) != len(places):
+                found = f"found {len(places)} for {len(widths)} {ends}widths"
+                raise _error(layers, (*key, f"{ends}levels"), found, "each block needs its level")
 
 
 def _check_wardrobe(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from datasets.shards import BODIES, MATERIALS, MOTIONS
 from datasets.splits import UNSEEN_LABELS, UNSEEN_MOTIONS, UNSEEN_STYLES, SplitRule
 from sim.parameters import ENSEMBLE
@@ -220,6 +222,29 @@ def material_clips(config: Mapping[str, Any], phi: int) -> list[PlannedClip]:
 def body_clips(config: Mapping[str, Any], number: int) -> list[PlannedClip]:
     """The clips that a body shape is simulated on, a run of its own; none of a label that is held out whole."""
     return _run_of_clips(config, number - 1, config["data"]["bodies"]["clips"])
+
+
+def layer_clips(config: Mapping[str, Any], number: int) -> list[PlannedClip]:
+    """The clips of a type of clothing, the same for every body: some to train on, some of takes that are held out.
+
+    Of each kind as many as are asked for and there are, evenly spread over the run; none of a label that is held out.
+    Types take turns with two sets of clips, so that all together see twice as many motions.
+
+    Args:
+        config: The run.
+        number: Number of the type.
+    """
+    rule, layers = SplitRule(**config["data"]["splits"]), config["data"]["layers"]
+    usable = [clip for clip in plan_clips(config["motions"]) if not rule.holds_out_label(clip.label)]
+    chosen = []
+    for wanted, held_out in ((layers["clips"], False), (layers["unseen_clips"], True)):
+        clips = [clip for clip in usable if rule.holds_out_take(clip.take_index) is held_out]
+        turn = (number + number // 2) % 2  # of four types, those that have no length in common share their clips
+        # By the golden ratio, for even steps would meet the same few labels in every round of variants.
+        order = np.argsort(np.arange(len(clips)) * GOLDEN % 1.0, kind="stable")
+        rank = np.argsort(order, kind="stable")
+        chosen += [clips[i] for i in rank[: 2 * wanted][turn::2]]
+    return chosen
 
 
 def _run_of_clips(config: Mapping[str, Any], run: int, count: int) -> list[PlannedClip]:

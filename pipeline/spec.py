@@ -16,6 +16,7 @@ from pipeline.canonical import canonical
 from pipeline.plan import (
     PlannedClip,
     batch_clips,
+    layer_clips,
     learning_clips,
     motion_labels,
     plan_clips,
@@ -200,6 +201,81 @@ def fine_tune_spec(config: Config, garment: str) -> str:
     rule = SplitRule(**config["data"]["splits"])
     labels = [label for label in motion_labels(config["motions"]) if not rule.holds_out_label(label)]
     return canonical(spec | {"labels": labels, "refinement": config["models"]["refinement"]})
+
+
+def layer_types(config: Config) -> list[str]:
+    """Names of the types of clothing that are layers on the body mesh, in the networks' numbering."""
+    return sorted(config["data"]["layers"]["types"])
+
+
+def layer_garment_spec(config: Config, kind: str) -> str:
+    """The outfit of a type of clothing: a T-shirt over pants of its lengths."""
+    layers = config["data"]["layers"]
+    lengths = layers["types"][kind]
+    worn = [
+        {"name": "pants", "kind": "pants", "length": lengths["pants"]} | layers["pants"],
+        {"name": "shirt", "kind": "tshirt", "sleeve": lengths["sleeve"]} | layers["shirt"],
+    ]
+    return canonical({"garment": kind, "geometry": {"kind": "outfit", "worn": worn}, "body": config["body"]})
+
+
+def layer_batches(config: Config) -> list[int]:
+    """The motion batches that the layers' clips are in."""
+    clips = [clip for number in range(len(layer_types(config))) for clip in layer_clips(config, number)]
+    return sorted({clip.index // config["motions"]["clips_per_batch"] for clip in clips})
+
+
+def layer_simulate_spec(config: Config, kind: str) -> str:
+    """The simulations of a type: every sampled body in the outfit graded to it, on every clip of the layers."""
+    layers = config["data"]["layers"]
+    numbers, clips = range(1, layers["bodies"] + 1), layer_clips(config, layer_types(config).index(kind))
+    spec = {name: config["motions"][name] for name in ("fps", "lead_in")}
+    spec |= {
+        "garment": kind,
+        "plan": "bodies",
+        "seed": config["seed"],
+        "body": config["body"],
+        "base": base_values(layers),
+        "simulations": [[number, clip.name, clip.take_index] for number in numbers for clip in clips],
+        "solver": config["simulation"],
+        "spread": layers["spread"],
+    }
+    return canonical(spec)
+
+
+def layer_transfer_spec(config: Config, kind: str) -> str:
+    """A type's simulations brought to the topology of the body."""
+    return canonical(_layer_learning(config) | {"garment": kind, "stride": config["data"]["layers"]["frames_stride"]})
+
+
+def mesh_hierarchy_spec(config: Config) -> str:
+    """The levels of the body mesh."""
+    return canonical({"body": config["body"], "levels": config["data"]["layers"]["levels"]})
+
+
+def mesh_vae_gan_spec(config: Config, variant: str) -> str:
+    """A training of the Mesh VAE-GAN."""
+    variant, number = split_seed(variant)
+    spec = _layer_learning(config) | {"types": layer_types(config), "variant": variant}
+    spec["seed"] += number - 1
+    return canonical(spec | {"model": variant_settings(config["models"]["mesh_vae_gan"]["variants"], variant)})
+
+
+def evaluate_mesh_vae_gan_spec(config: Config) -> str:
+    """The evaluation of all variants of the Mesh VAE-GAN."""
+    spec = _layer_learning(config) | {"types": layer_types(config), "use": config["models"]["mesh_vae_gan"]["use"]}
+    spec["variants"] = trained_variants(config, "mesh_vae_gan")
+    return canonical(spec)
+
+
+def render_mesh_vae_gan_spec(config: Config) -> str:
+    """Pictures of generated layers."""
+    return canonical(_layer_learning(config) | {"types": layer_types(config), "report": config["report"]})
+
+
+def _layer_learning(config: Config) -> dict:
+    splits = config["data"]["splits"] | {"bodies_every": config["data"]["layers"]["bodies_every"]}
+    return {"seed": config["seed"], "body": config["body"], "splits": splits}
 
 
 def evaluate_spec(config: Config, garment: str = "", model: str = "") -> str:

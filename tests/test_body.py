@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from body.decimate import decimate
 from body.model import BODY_NAMES, Body, skin
 from body.skeleton import JOINT_INDEX, JOINT_NAMES, LEFT_RIGHT_PAIRS, PARENTS, mirrored_joint_order
 from body.surface import closed_surface_faults, enclosed_volume, self_intersecting_faces
+from geometry.decimate import decimate
 from geometry.rotations import axis_angle_to_matrix, matrix_to_axis_angle
 from geometry.topology import face_angles
 

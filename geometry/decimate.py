@@ -124,10 +124,11 @@ class Decimator:
         return True
 
     def run(self, count: int) -> None:
-        """Collapse the cheapest mirrored pairs until ``count`` vertices are left."""
-        for vertex in range(len(self.points)):
-            for neighbour in self.ring(vertex):
-                self.push(vertex, neighbour)
+        """Collapse the cheapest mirrored pairs until ``count`` vertices are left; may be called again for fewer."""
+        if not self.heap:
+            for vertex in range(len(self.points)):
+                for neighbour in self.ring(vertex):
+                    self.push(vertex, neighbour)
         while self.alive > count:
             if not self.heap:
                 raise ValueError(f"decimation stopped at {self.alive} vertices, wanted {count}: no collapse is allowed")

@@ -1,0 +1,394 @@
+"""Conditional Mesh VAE-GAN: clothing as a layer of displacements on the body mesh (Ma 2019).
+
+In: displacements of the body's vertices in the unposed space [m], pose, type of clothing. Out: the layer again through
+a short code z, or new layers from random z. Encoder and generator are blocks of Chebyshev convolutions with quadric
+down- and up-sampling and a dense layer to and from z; pose and type reach the generator and the discriminator through
+small dense networks; the discriminator judges patches of the mesh.
+
+Kinds of one code:
+
+- ``paper``: the published network.
+- ``coma``: its predecessor, a mesh autoencoder without condition, shortcuts, discriminator, normals and latent noise
+  (Ranjan 2018). The paper calls it CoMA-1 without down-sampling and CoMA-4 with a fourfold one at each layer.
+- ``anchored``: ours. What pose and type alone say of the layer is a ridge regression, and the principal components of
+  what that leaves over *on clips and bodies it was not fitted to* are the first meaning of z. The networks start from
+  there with a last layer of zeros and learn what is not linear. z then has unit variance from the first step on, so
+  that a random z is a likely one.
+
+A Active vertices (those that any type covers), B body vertices, N frames, L length of z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from geometry.mesh_hierarchy import MeshHierarchy
+from geometry.rotations import axis_angle_to_6d, axis_angle_to_matrix
+from models.layer_losses import unit_face_normals
+from models.mesh_convolution import SLOPE, ChebyshevConvolution, MeshBlock, SparseOperator, scaled_laplacian
+
+KINDS = ("paper", "anchored", "coma")
+DISCRIMINATORS = ("patch", "global", "none")
+POSES = {"axis-angle": 72, "6d": 141}
+LOG_VARIANCE = (-12.0, 4.0)
+QUIET = -5.0
+"""Log variance of z before training: there is little noise to fight at first."""
+
+
+@dataclass(frozen=True)
+class MeshVaeGanConfig:
+    """Sizes and switches.
+
+    Attributes:
+        kind: One of ``KINDS``.
+        types: Names of the types of clothing, in the order of their one-hot vector.
+        body_name, body_digest: The body whose vertices are displaced.
+        latent: Length of z.
+        widths: Features of each block of the encoder, finest first; the generator mirrors them.
+        levels: Level of the mesh hierarchy that each block works on.
+        order: Chebyshev polynomials of a filter.
+        residual: Whether blocks have a shortcut.
+        conditional: Whether the generator is told pose and type.
+        pose: "axis-angle" (the paper's 72 numbers) or "6d" (rotations below the pelvis and the direction of gravity).
+        pose_code, type_code: Lengths that pose and type are compressed to.
+        discriminator: "patch", "global" (one verdict a mesh) or "none".
+        discriminator_widths, discriminator_levels: As of the encoder.
+        normal_weight, kl_weight, adversarial_weight: Of the losses beside that of coordinates, in units of the data.
+        variational: Whether z is drawn in training.
+        components: Of the regression of ``anchored``, after which its rank is cut.
+    """
+
+    kind: str
+    types: tuple[str, ...]
+    body_name: str
+    body_digest: str
+    latent: int = 32
+    widths: tuple[int, ...] = (8, 16, 32, 32)
+    levels: tuple[int, ...] = (0, 2, 4, 6)
+    order: int = 2
+    residual: bool = True
+    conditional: bool = True
+    pose: str = "axis-angle"
+    pose_code: int = 24
+    type_code: int = 8
+    discriminator: str = "patch"
+    discriminator_widths: tuple[int, ...] = (8, 16, 16)
+    discriminator_levels: tuple[int, ...] = (0, 2, 4)
+    normal_weight: float = 0.1
+    kl_weight: float = 1.0e-4
+    adversarial_weight: float = 0.02
+    variational: bool = True
+    components: int = 64
+
+    def __post_init__(self) -> None:
+        for name in ("types", "widths", "levels", "discriminator_widths", "discriminator_levels"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        for name, allowed in (("kind", KINDS), ("pose", tuple(POSES)), ("discriminator", DISCRIMINATORS)):
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"mesh VAE-GAN {name}: {getattr(self, name)!r} is not one of {', '.join(allowed)}")
+        for ends in ("", "discriminator_"):
+            widths, levels = getattr(self, f"{ends}widths"), getattr(self, f"{ends}levels")
+            if len(widths) != len(levels) or not levels or list(levels) != sorted(levels):
+                raise ValueError(f"mesh VAE-GAN {ends}levels: need one for each of {ends}widths, none falling")
+
+
+class MeshVaeGan(nn.Module):
+    """The network; ``models.mesh_vae_gan_fitting`` trains, stores and loads it.
+
+    Args:
+        config: Sizes.
+        hierarchy: Levels of the body mesh over the active vertices.
+        rest: Active vertices of the run's own body in the unposed space [m], shape [A, 3]: face normals are those of
+            the clothed mesh.
+    """
+
+    def __init__(self, config: MeshVaeGanConfig, hierarchy: MeshHierarchy, rest: np.ndarray) -> None:
+        super().__init__()
+        self.config, self.hierarchy = config, hierarchy
+        count = len(hierarchy.levels[0])
+        deepest = max(config.levels + (config.discriminator_levels if config.discriminator != "none" else ()))
+        if deepest >= len(hierarchy.levels):
+            raise ValueError(f"mesh VAE-GAN levels: {deepest} is asked for, there are 0..{len(hierarchy.levels) - 1}")
+        features = POSES[config.pose]
+        code = config.pose_code + config.type_code if config.conditional else 0
+        laplacians: dict[int, SparseOperator] = {}
+
+        def laplacian(level: int) -> SparseOperator:
+            if level not in laplacians:
+                laplacians[level] = SparseOperator(scaled_laplacian(hierarchy.adjacency(level)))
+            return laplacians[level]
+
+        if config.conditional:
+            self.condition = _Condition(features, len(config.types), config)
+        self.encoder = _Encoder(config, hierarchy, laplacian)
+        self.generator = _Generator(config, hierarchy, laplacian, config.latent + code)
+        if config.discriminator != "none":
+            self.discriminator = _Discriminator(config, hierarchy, laplacian, code)
+        self.register_buffer("rest", torch.as_tensor(np.asarray(rest, dtype=np.float32)))
+        self.register_buffer("faces", torch.as_tensor(hierarchy.faces[0].astype(np.int64)))
+        self.register_buffer("mean", torch.zeros(count, 3))
+        self.register_buffer("scale", torch.ones(()))
+        self.register_buffer("pose_mean", torch.zeros(features))
+        self.register_buffer("pose_spread", torch.ones(features))
+        if config.kind == "anchored":
+            inputs = len(config.types) * (features + 1)
+            self.register_buffer("regression", torch.zeros(inputs, config.components))
+            self.register_buffer("directions", torch.zeros(config.components, count * 3))
+            self.register_buffer("components", torch.zeros(config.latent, count * 3))
+            self.register_buffer("deviations", torch.ones(config.latent))
+
+    def posed_features(self, pose: np.ndarray) -> Tensor:
+        """Standardised features [N, P] of poses [N, 24, 3] [rad]."""
+        raw = torch.as_tensor(pose_features(pose, self.config.pose), device=self.rest.device)
+        return (raw - self.pose_mean) / self.pose_spread
+
+    def type_weights(self, types: Sequence[str]) -> Tensor:
+        """One-hot vectors [N, number of types]; ``ValueError`` for an unknown type lists the known."""
+        known = {name: number for number, name in enumerate(self.config.types)}
+        for name in types:
+            if name not in known:
+                raise ValueError(f"unknown type of clothing {name!r}; this network knows {', '.join(known)}")
+        rows = torch.tensor([known[name] for name in types], device=self.rest.device)
+        return nn.functional.one_hot(rows, len(known)).float()
+
+    def scaled(self, displacements: Tensor) -> Tensor:
+        """Network units [A, N, 3] of displacements [N, A, 3] [m]."""
+        return ((displacements - self.mean) / self.scale).transpose(0, 1)
+
+    def unscaled(self, features: Tensor) -> Tensor:
+        """Displacements [N, A, 3] [m] of network units [A, N, 3]."""
+        return features.transpose(0, 1) * self.scale + self.mean
+
+    def encode(self, features: Tensor, pose: Tensor, types: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean and log variance [N, L] of z for features [A, N, 3] in network units."""
+        if self.config.kind != "anchored":
+            return self.encoder(features)
+        rest = _flat(features) - self._regressed(pose, types)
+        mean, spread = self.encoder(_unflat(rest, features))
+        return rest @ self.components.T / self.deviations + mean, spread
+
+    def decode(self, z: Tensor, pose: Tensor, types: Tensor) -> Tensor:
+        """Features [A, N, 3] in network units of codes z [N, L], standardised pose [N, P] and type weights."""
+        code = z
+        if self.config.conditional:
+            code = torch.cat([z, self.condition(pose, types)], dim=1)
+        learned = self.generator(code)
+        if self.config.kind != "anchored":
+            return learned
+        linear = self._regressed(pose, types) + (z * self.deviations) @ self.components
+        return _unflat(linear, learned) + learned
+
+    def verdict(self, features: Tensor, pose: Tensor, types: Tensor) -> Tensor:
+        """The discriminator's logits, patches by frames, of features [A, N, 3]; positive = real."""
+        code = self.condition(pose, types).detach() if self.config.conditional else None
+        return self.discriminator(features, code)
+
+    def normals(self, features: Tensor) -> Tensor:
+        """Unit face normals [F, N, 3] of the clothed mesh in the unposed space."""
+        worn = features * self.scale + (self.mean + self.rest)[:, None]
+        return unit_face_normals(worn, self.faces)
+
+    def _regressed(self, pose: Tensor, types: Tensor) -> Tensor:
+        return (regression_inputs(pose, types) @ self.regression) @ self.directions
+
+    @torch.no_grad()
+    def reconstruct(self, displacements: np.ndarray, pose: np.ndarray, types: Sequence[str]) -> np.ndarray:
+        """Displacements [N, A, 3] [m] through the mean code and back."""
+        posed, weights = self.posed_features(pose), self.type_weights(types)
+        found = np.empty(displacements.shape, dtype=np.float32)
+        for rows in np.array_split(np.arange(len(displacements)), max(1, len(displacements) // 64)):
+            features = self.scaled(torch.as_tensor(displacements[rows], device=self.rest.device))
+            z, _ = self.encode(features, posed[rows], weights[rows])
+            found[rows] = self.unscaled(self.decode(z, posed[rows], weights[rows])).cpu().numpy()
+        return found
+
+    @torch.no_grad()
+    def generate(self, z: np.ndarray, pose: np.ndarray, types: Sequence[str] | np.ndarray) -> np.ndarray:
+        """Layers of given codes.
+
+        Args:
+            z: Codes, standard normal for likely layers, shape [N, L].
+            pose: Poses [rad], shape [N, 24, 3].
+            types: Name of each frame's type, or weights of all types, shape [N, number of types]: between two types.
+
+        Returns:
+            Displacements of all body vertices in the unposed space [m], shape [N, B, 3] float32.
+
+        Raises:
+            ValueError: An unknown type, or shapes that do not go together.
+        """
+        if z.ndim != 2 or z.shape[1] != self.config.latent or len(z) != len(pose) or len(types) != len(z):
+            raise ValueError(
+                f"mesh VAE-GAN: expected z [N, {self.config.latent}] with N poses and types, got z {list(z.shape)}, "
+                f"{len(pose)} poses, {len(types)} types"
+            )
+        device = self.rest.device
+        given = isinstance(types, np.ndarray) and types.dtype.kind == "f"
+        weights = torch.as_tensor(types.astype(np.float32), device=device) if given else self.type_weights(list(types))
+        code = torch.as_tensor(z.astype(np.float32), device=device)
+        layer = self.unscaled(self.decode(code, self.posed_features(pose), weights)).cpu().numpy()
+        whole = np.zeros((len(z), self.body_vertices, 3), dtype=np.float32)
+        whole[:, self.hierarchy.levels[0]] = layer
+        return whole
+
+    body_vertices: int = 0
+    """Number of vertices of the whole body; set by whoever builds the network for one."""
+
+
+class _Condition(nn.Module):
+    """Pose and type, each compressed by a small dense network (Ma 2019, "condition module")."""
+
+    def __init__(self, features: int, types: int, config: MeshVaeGanConfig) -> None:
+        super().__init__()
+        self.pose = nn.Sequential(nn.Linear(features, 64), nn.LeakyReLU(SLOPE), nn.Linear(64, config.pose_code))
+        self.kind = nn.Linear(types, config.type_code)
+
+    def forward(self, pose: Tensor, types: Tensor) -> Tensor:
+        return torch.cat([self.pose(pose), self.kind(types)], dim=1)
+
+
+class _Encoder(nn.Module):
+    def __init__(self, config: MeshVaeGanConfig, hierarchy: MeshHierarchy, laplacian) -> None:
+        super().__init__()
+        self.moves, self.blocks = nn.ModuleList(), nn.ModuleList()
+        level, width = 0, 3
+        for wanted, outputs in zip(config.levels, config.widths, strict=True):
+            self.moves.append(_move(hierarchy, level, wanted))
+            self.blocks.append(MeshBlock(laplacian(wanted), width, outputs, config.order, config.residual))
+            level, width = wanted, outputs
+        # A last step down keeps the dense layer small where the blocks stay on fine levels.
+        self.inputs = len(hierarchy.levels[level]) * width
+        self.dense = nn.Linear(self.inputs, 2 * config.latent)
+        _quiet(self.dense, config)
+
+    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        for move, block in zip(self.moves, self.blocks, strict=True):
+            features = block(move(features))
+        mean, spread = self.dense(_flat(features)).chunk(2, dim=1)
+        return mean, spread.clamp(*LOG_VARIANCE)
+
+
+class _Generator(nn.Module):
+    def __init__(self, config: MeshVaeGanConfig, hierarchy: MeshHierarchy, laplacian, inputs: int) -> None:
+        super().__init__()
+        self.count, self.width = len(hierarchy.levels[config.levels[-1]]), config.widths[-1]
+        self.dense = nn.Linear(inputs, self.count * self.width)
+        self.moves, self.blocks = nn.ModuleList(), nn.ModuleList()
+        widths = [*config.widths[::-1][1:], config.widths[0]]
+        levels = [*config.levels[::-1][1:], 0]
+        width, level = self.width, config.levels[-1]
+        for outputs, above in zip(widths, levels, strict=True):
+            self.blocks.append(MeshBlock(laplacian(level), width, outputs, config.order, config.residual))
+            self.moves.append(_move(hierarchy, level, above))
+            width, level = outputs, above
+        self.last = ChebyshevConvolution(laplacian(0), width, 3, config.order)
+        if config.kind == "anchored":
+            nn.init.zeros_(self.last.weight)
+
+    def forward(self, code: Tensor) -> Tensor:
+        features = self.dense(code).view(len(code), self.count, self.width).transpose(0, 1).contiguous()
+        features = nn.functional.leaky_relu(features, SLOPE)
+        for move, block in zip(self.moves, self.blocks, strict=True):
+            features = move(block(features))
+        return self.last(features)
+
+
+class _Discriminator(nn.Module):
+    """Convolution and down-sampling repeated; every vertex of the last level gives a verdict on its patch."""
+
+    def __init__(self, config: MeshVaeGanConfig, hierarchy: MeshHierarchy, laplacian, code: int) -> None:
+        super().__init__()
+        self.moves, self.layers = nn.ModuleList(), nn.ModuleList()
+        level, width = 0, 3
+        for wanted, outputs in zip(config.discriminator_levels, config.discriminator_widths, strict=True):
+            self.moves.append(_move(hierarchy, level, wanted))
+            self.layers.append(ChebyshevConvolution(laplacian(wanted), width, outputs, config.order))
+            level, width = wanted, outputs
+        # The condition is the same at every vertex: as channels of the input it would only add to the first layer.
+        self.condition = nn.Linear(code, config.discriminator_widths[0]) if code else None
+        self.last = ChebyshevConvolution(laplacian(level), width, 1, config.order)
+        self.whole = nn.Linear(len(hierarchy.levels[level]), 1) if config.discriminator == "global" else None
+
+    def forward(self, features: Tensor, code: Tensor | None) -> Tensor:
+        for number, (move, layer) in enumerate(zip(self.moves, self.layers, strict=True)):
+            features = layer(move(features))
+            if number == 0 and code is not None:
+                features = features + self.condition(code)
+            features = nn.functional.leaky_relu(features, SLOPE)
+        patches = self.last(features)[..., 0]
+        return patches if self.whole is None else self.whole(patches.T).T
+
+
+def pose_features(pose: np.ndarray, kind: str) -> np.ndarray:
+    """What the condition is told of poses [N, 24, 3] [rad], shape [N, ``POSES[kind]``] float32.
+
+    Raises:
+        ValueError: Poses of another shape.
+    """
+    pose = np.asarray(pose, dtype=np.float64)
+    if pose.ndim != 3 or pose.shape[1:] != (24, 3):
+        raise ValueError(f"pose: expected shape [N, 24, 3], got {list(pose.shape)}")
+    if kind == "axis-angle":
+        return pose.reshape(len(pose), -1).astype(np.float32)
+    # The heading changes nothing about cloth; where down is does.
+    down = axis_angle_to_matrix(pose[:, 0])[:, 1]
+    return np.concatenate([axis_angle_to_6d(pose[:, 1:]).reshape(len(pose), -1), down], axis=1).astype(np.float32)
+
+
+def regression_inputs(pose: Tensor, types: Tensor) -> Tensor:
+    """A constant and the pose, of each type by its weight, shape [N, number of types * (P + 1)]."""
+    one = torch.cat([torch.ones_like(pose[:, :1]), pose], dim=1)
+    return (types[:, :, None] * one[:, None, :]).flatten(1)
+
+
+def rebuilt_hierarchy(config: MeshVaeGanConfig, extra: Mapping[str, Tensor]) -> MeshHierarchy:
+    """The hierarchy that ``hierarchy_tensors`` took apart."""
+    import scipy.sparse as sp
+
+    count = int(extra["level_count"])
+    levels = tuple(extra[f"level_{k}"].numpy() for k in range(count))
+    faces = tuple(extra[f"faces_{k}"].numpy() for k in range(count))
+    up = []
+    for k in range(count - 1):
+        parts = tuple(extra[f"up_{k}_{name}"].numpy() for name in ("data", "indices", "indptr"))
+        up.append(sp.csr_matrix(parts, shape=(len(levels[k]), len(levels[k + 1]))))
+    return MeshHierarchy(config.body_digest, levels, faces, tuple(up))
+
+
+def hierarchy_tensors(hierarchy: MeshHierarchy) -> dict[str, Tensor]:
+    """A hierarchy as the tensors of a model file."""
+    tensors = {"level_count": torch.tensor(len(hierarchy.levels))}
+    for k, (level, faces) in enumerate(zip(hierarchy.levels, hierarchy.faces, strict=True)):
+        tensors |= {f"level_{k}": torch.as_tensor(level), f"faces_{k}": torch.as_tensor(faces)}
+    for k, matrix in enumerate(hierarchy.up):
+        for name in ("data", "indices", "indptr"):
+            tensors[f"up_{k}_{name}"] = torch.as_tensor(getattr(matrix, name))
+    return tensors
+
+
+def _move(hierarchy: MeshHierarchy, start: int, end: int) -> nn.Module:
+    return nn.Identity() if start == end else SparseOperator(hierarchy.between(start, end))
+
+
+def _quiet(dense: nn.Linear, config: MeshVaeGanConfig) -> None:
+    """Begin with little noise on z; beside principal components, with no word on its mean."""
+    with torch.no_grad():
+        dense.weight[config.latent :] = 0.0
+        dense.bias[config.latent :] = QUIET
+        if config.kind == "anchored":
+            dense.weight[: config.latent] = 0.0
+            dense.bias[: config.latent] = 0.0
+
+
+def _flat(features: Tensor) -> Tensor:
+    """[A, N, C] as [N, A * C]."""
+    return features.transpose(0, 1).flatten(1)
+
+
+def _unflat(flat: Tensor, like: Tensor) -> Tensor:
+    return flat.view(len(flat), len(like), -1).transpose(0, 1)
