@@ -15,9 +15,7 @@ def layer_files(pattern):
 
 def mesh_vae_gans():
     """Paths of all variants, in the order of the config."""
-    return [
-        f"{RESULTS}/models/mesh_vae_gan/{variant}.pt" for variant in spec.trained_variants(config, "mesh_vae_gan")
-    ]
+    return [f"{RESULTS}/models/mesh_vae_gan/{variant}.pt" for variant in spec.trained_variants(config, "mesh_vae_gan")]
 
 
 rule layer_garment:
