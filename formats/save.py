@@ -53,7 +53,6 @@ def save_animation(path: str | os.PathLike, animation: Animation, force: bool = 
         OSError: It could not be written, for example for a full disk; nothing of it is left behind.
     """
     kind, target = _kind_and_target(path)
-    check_target(path, force)
     module, function = _WRITERS[kind]
     getattr(importlib.import_module(module), function)(target, animation, force)
     return target
