@@ -118,6 +118,8 @@ rule evaluate_garment_regressor:
         f"{RESULTS}/logs/evaluate_garment_regressor/{{garment}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/evaluate_garment_regressor/{{garment}}.tsv"
+    # The longest evaluation: it must not be what is left over for one core at the end.
+    priority: 50
     conda:
         ENVIRONMENT
     resources:
