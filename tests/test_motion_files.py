@@ -14,17 +14,7 @@ from body.model import Body
 from formats.motion_file import read_motion
 from motions.clip import Clip
 from motions.clip_file import write_clips
-
-FPS = 24.0
-FRAMES = 10
-
-
-def walk(frames: int = FRAMES, fps: float = FPS) -> Clip:
-    rng = np.random.default_rng(3)
-    pose = 0.3 * rng.normal(size=(1, 24, 3)) + 0.01 * np.cumsum(rng.normal(size=(frames, 24, 3)), axis=0)
-    pose[:, 22:] = 0.0
-    root = np.stack([0.01 * np.arange(frames), np.zeros(frames), 0.02 * np.arange(frames)], axis=1)
-    return Clip("walk_01", "take", "walk", pose, root, fps, "test")
+from tests.moving_tube import FRAMES, walk
 
 
 @pytest.fixture(scope="module")
