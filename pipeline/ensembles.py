@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from motions.clip import Clip
+from sim.bounds import out_of_bounds
 from sim.parameters import ENSEMBLE
 from sim.result import SimulationResult
 from sim.simulate import Simulator, World
@@ -82,31 +83,6 @@ def simulate_all(
                 else:
                     again.append((one, used | {"substeps": float(round(used["substeps"] * solver["substeps_factor"]))}))
         pending = again
-
-
-def out_of_bounds(quality: Mapping[str, float], bounds: Mapping[str, float], vertex_count: int) -> str | None:
-    """The first quality figure outside its bound, in one sentence; None when all are inside.
-
-    Counts are held against bounds of counts a vertex. Crossings are judged where they were counted, with self-contact.
-    """
-    figures = (
-        ("p99_edge_strain", quality["p99_edge_strain"], "p99 edge strain", ""),
-        ("penetration", quality["deepest_penetration_m"], "penetration", " m"),
-        ("vertices_inside", quality["vertices_inside"] / vertex_count, "share of vertices inside the body", ""),
-        (
-            "triangles_inside",
-            quality["triangles_inside_sampled"] / vertex_count,
-            "triangles inside the body",
-            " a vertex",
-        ),
-        ("pinched_vertices", quality["pinched_vertices"] / vertex_count, "share of vertices that are pinched", ""),
-        ("crossing_pairs", quality.get("crossing_pairs", 0.0) / vertex_count, "crossing pairs", " a vertex"),
-        ("residual_speed", quality["residual_speed_m_s"], "residual speed", " m/s"),
-    )
-    for key, value, name, unit in figures:
-        if not value <= bounds[key]:
-            return f"{name} {value:.3g}{unit} above {bounds[key]:g}{unit}"
-    return None
 
 
 def _groups(pending: Sequence[Pending], own_motions: bool) -> list[list[Pending]]:

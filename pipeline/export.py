@@ -12,17 +12,14 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import os
-import sys
-import time
 from pathlib import Path
 
 from body.model import Body
 from datasets.shards import read_header, read_quality, read_sequences
 from formats.animation import Animation, dressed, plain_name
 from formats.animation_file import load_animation
-from formats.save import FORMATS, check_target, save_animation
 from motions.clip import Clip
+from pipeline.command import add_output, asked_formats, run_command, targets, write
 
 SHOWN = 12
 """Sequences that an error lists."""
@@ -88,62 +85,19 @@ def sequence_names(path: str | Path) -> list[str]:
     return names
 
 
-def export(animation: Animation, folder: str | Path, formats: list[str], force: bool) -> list[Path]:
-    """Write an animation in several formats under its name; says each file on standard output.
-
-    Raises:
-        ValueError: Unknown format, or a target exists and ``force`` is not given: then nothing is written at all.
-        OSError: A file could not be written; those before it stay.
-    """
-    paths = [Path(folder) / f"{plain_name(animation.name)}.{kind}" for kind in formats]
-    for path in paths:
-        check_target(path, force)
-    written = []
-    for path in paths:
-        start = time.monotonic()
-        target = save_animation(path, animation, force)
-        written.append(target)
-        print(f"{target}  {_bytes(target) / 1e6:.2f} MB, {time.monotonic() - start:.1f} s", flush=True)
-    return written
-
-
-def _bytes(path: Path) -> int:
-    return sum(f.stat().st_size for f in path.iterdir()) if path.is_dir() else path.stat().st_size
-
-
-def _formats(text: str) -> list[str]:
-    formats = list(dict.fromkeys(part.strip().lower() for part in text.split(",") if part.strip()))
-    unknown = [name for name in formats if name not in FORMATS]
-    if unknown or not formats:
-        wrong = f"unknown is {unknown[0]!r}" if unknown else "names none"
-        raise ValueError(f"--format {text!r}: {wrong}; known are {', '.join(FORMATS)}")
-    return formats
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m pipeline.export", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def define(parser: argparse.ArgumentParser) -> None:
+    """Options of the command."""
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--in", dest="file", help="an animation file (.h5)")
     source.add_argument("--shard", help="a shard of simulated sequences")
     parser.add_argument("--sequence", help="sequence of the shard: CLIP, CLIP:PARAMETER_SET or #PLACE")
     parser.add_argument("--list", action="store_true", help="list the sequences of the shard and end")
-    parser.add_argument("--format", default="glb", help=f"formats, separated by commas: {', '.join(FORMATS)}")
-    parser.add_argument("--out", default="exports", help="folder, made where it is missing")
-    parser.add_argument("--force", action="store_true", help="replace earlier exports")
-    options = parser.parse_args(arguments)
-    try:
-        _run(options)
-    except (ValueError, OSError) as error:
-        if os.environ.get("DRAPELINE_TRACEBACK"):
-            raise
-        sys.exit(f"[export] error: {error}")
+    add_output(parser)
 
 
-def _run(options: argparse.Namespace) -> None:
-    formats = _formats(options.format)
+def export(options: argparse.Namespace) -> None:
+    """Write an animation in each format; nothing is written at all if one of them exists and is to be kept."""
+    formats = asked_formats(options.format)
     if options.list:
         if not options.shard:
             raise ValueError("--list needs --shard")
@@ -155,7 +109,12 @@ def _run(options: argparse.Namespace) -> None:
         animation = shard_animation(options.shard, sequence_index(options.shard, options.sequence))
     else:
         animation = load_animation(options.file)
-    export(animation, options.out, formats, options.force)
+    write(animation, targets(animation.name, options.out, formats, options.force), options.force)
+
+
+def main(given: list[str] | None = None) -> None:
+    """Command line."""
+    run_command("export", __doc__, define, export, given)
 
 
 if __name__ == "__main__":

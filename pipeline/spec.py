@@ -31,6 +31,11 @@ MATERIAL_KEYS = ("fabric", "base", "ranges")
 """Keys of a garment that say what it is made of; all others say what shape it has."""
 
 
+def run_spec(config: Config) -> str:
+    """The whole configuration, but for where the work is done."""
+    return canonical({key: value for key, value in config.items() if key != "compute"})
+
+
 def garment_spec(config: Config, garment: str) -> str:
     """A template depends on the body and on the garment's geometry, not on its material."""
     return canonical({"garment": garment, "geometry": garment_geometry(config, garment), "body": config["body"]})

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from motions.clip import Clip
-from pipeline.ensembles import Planned, out_of_bounds, simulate_all
+from pipeline.ensembles import Planned, simulate_all
+from sim.bounds import out_of_bounds
 from sim.parameters import base_parameters
 from sim.result import SimulationResult
 

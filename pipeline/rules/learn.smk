@@ -216,8 +216,25 @@ rule fine_tune_regressor:
         " {input.regressor} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
+# For those who use the models: the commands read from it what the run holds.
+rule record_config:
+    input:
+        code=stage_sources("record_config"),
+    output:
+        f"{RESULTS}/config.json",
+    log:
+        f"{RESULTS}/logs/record_config.log",
+    conda:
+        ENVIRONMENT
+    params:
+        spec=spec.run_spec(config),
+    shell:
+        "python -m pipeline.record_config --spec {params.spec:q} --out {output} 2>&1 | tee {log}"
+
+
 rule models:
     input:
+        f"{RESULTS}/config.json",
         [
             path.format(garment=garment)
             for garment in GARMENTS
