@@ -44,8 +44,11 @@ from models.sequence_regressor import SequenceRegressor
 from models.shape_descriptor import load_shape_descriptor
 from pipeline.garment_data import (
     autoencoder_predictor,
+    graded_predictor,
     load_variant,
+    other_bodies,
     regressor_predictor,
+    sequence_conditions,
     started_predictor,
     taught_predictor,
     told_predictor,
@@ -100,8 +103,11 @@ def main(job: Job) -> None:
     predictors |= baselines | _networks(regressors, test) | autoencoders | _started(regressors, test)
     # Where more varies than the motion: what ignores it, and what is told of it.
     few = {n: p for n, p in predictors.items() if n in ("simulation", *BLIND) or "PCA" in n}
+    bodies = job_bodies(job)
+    others = other_bodies(template, body, bodies)
+    conditioned = {n: r for n, r in regressors.items() if isinstance(r, ConditionedRegressor)}
     few |= {n: regressor_predictor(r, varied) for n, r in regressors.items() if n == used}
-    few |= {n: p for n, p in predictors.items() if isinstance(regressors.get(n), ConditionedRegressor)}
+    few |= {n: told_predictor(r, sequence_conditions, others) for n, r in conditioned.items()}
     controls = {
         MATERIALS: ("material", lambda sequence: Conditions(base_material, sequence.shape)),
         BODIES: ("body", lambda sequence: Conditions(sequence.parameters, spec["body"]["shape"])),
@@ -115,14 +121,14 @@ def main(job: Job) -> None:
     )
     rows = regressor_rows(test, predictors, body, template, settings, progress, refined=(tuned,))
     progress.finish()
-    bodies = job_bodies(job)
     for plan, (what, conditions) in controls.items():
         mine = [s for s in varied if s.plan == plan]
         told = {
-            f"{name}, told the base {what} (control)": told_predictor(regressor, conditions)
-            for name, regressor in regressors.items()
-            if isinstance(regressor, ConditionedRegressor)
+            f"{name}, told the base {what} (control)": told_predictor(regressor, conditions, others)
+            for name, regressor in conditioned.items()
         }
+        if plan == BODIES:
+            told[f"{used}, graded to the body"] = graded_predictor(regressors[used], others)
         rest_shape = _rest_shapes(template, body, bodies)
         rows += regressor_rows(mine, few | told, bodies, template, settings, rest=rest_shape)
     write_table(job.outputs[0], average_seeds(rows, ["rmse_mm"]))

@@ -1,16 +1,23 @@
-"""From simulated sequences to a regressor's examples, and from a regressor to what the evaluation takes."""
+"""From simulated sequences to a regressor's examples, and from a regressor to what the evaluation takes.
+
+Sequences on other bodies than the run's own go through ``models.other_bodies``: regressors learn and dress as on the
+own body, and grading does the rest.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from collections.abc import Sequence as Many
+from dataclasses import replace
 
 import numpy as np
 import torch
 
+from body.model import Body
 from datasets.sequences import Sequence
 from evaluation.regressor import Predictor
 from evaluation.seeds import split_seed
+from garments.template import GarmentTemplate
 from models.conditioned_regressor import (
     ConditionedExample,
     ConditionedRegressor,
@@ -24,11 +31,15 @@ from models.intrinsic_fitting import decode_frames
 from models.motion_features import MotionTrack, sequence_track
 from models.motion_history import MotionHistory
 from models.motion_invariant import MotionInvariantNetwork
+from models.other_bodies import OtherBody
 from models.sequence_regressor import SequenceRegressor
 from models.shape_descriptor import ShapeDescriptor, decode_all
 
 DESCRIPTOR_SPACE, CONDITIONED = "descriptor-space", "conditioned"
 """Variants with a network, a training and a file of their own."""
+
+Others = Callable[[Sequence], OtherBody | None]
+"""The other body that a sequence was simulated on; None where it was the run's own."""
 
 TOGETHER = 16
 """Sequences that a regressor dresses side by side."""
@@ -50,12 +61,37 @@ def sequence_conditions(sequence: Sequence) -> Conditions:
     return Conditions(sequence.parameters, sequence.shape)
 
 
-def conditioned_examples(sequences: Iterable[Sequence]) -> list[ConditionedExample]:
-    """Motions with their simulated garment and what it was simulated under."""
-    return [
-        ConditionedExample(GarmentExample.from_world(sequence_track(s), s.vertices), sequence_conditions(s))
-        for s in sequences
-    ]
+def other_bodies(template: GarmentTemplate, own: Body, bodies: Callable[[Sequence], Body]) -> Others:
+    """Each sequence's body as one that the garment is graded to; one of each shape is made.
+
+    Args:
+        template: The garment.
+        own: The run's own body.
+        bodies: The body of each sequence.
+    """
+
+    made: dict[int, OtherBody] = {}
+
+    def other(sequence: Sequence) -> OtherBody | None:
+        number = sequence.body_index
+        if number and number not in made:
+            made[number] = OtherBody(template, own, bodies(sequence))
+        return made.get(number)
+
+    return other
+
+
+def conditioned_examples(sequences: Iterable[Sequence], others: Others) -> list[ConditionedExample]:
+    """Motions with their simulated garment, both as on the run's own body, and what it was simulated under."""
+    return [ConditionedExample(_as_on_own_body(s, others(s)), sequence_conditions(s)) for s in sequences]
+
+
+def _as_on_own_body(sequence: Sequence, other: OtherBody | None) -> GarmentExample:
+    track = sequence_track(sequence)
+    example = GarmentExample.from_world(track, sequence.vertices)
+    if other is None:
+        return example
+    return replace(example, track=other.own_track(track), vertices=example.vertices - other.change(track))
 
 
 def regressor_predictor(regressor: Regressor, sequences: Many[Sequence] = ()) -> Predictor:
@@ -75,11 +111,26 @@ def regressor_predictor(regressor: Regressor, sequences: Many[Sequence] = ()) ->
     return _Together(lambda some: regressor.dress_all([sequence_track(s) for s in some], TOGETHER), sequences).predict
 
 
-def told_predictor(regressor: ConditionedRegressor, conditions: Callable[[Sequence], Conditions]) -> Predictor:
-    """A conditioned regressor that is told what ``conditions`` says of a sequence."""
+def told_predictor(
+    regressor: ConditionedRegressor,
+    conditions: Callable[[Sequence], Conditions],
+    others: Others = lambda _: None,
+) -> Predictor:
+    """A conditioned regressor that is told what ``conditions`` says of a sequence, its garment graded to the body."""
+    return _graded(lambda track, sequence: regressor.dress_under(track, conditions(sequence)), others)
 
+
+def graded_predictor(regressor: Regressor, others: Others) -> Predictor:
+    """A regressor that knows one body alone, its garment graded to each other."""
+    return _graded(lambda track, _: regressor.dress(track), others)
+
+
+def _graded(dress: Callable[[MotionTrack, Sequence], np.ndarray], others: Others) -> Predictor:
     def predict(sequence: Sequence) -> np.ndarray:
-        return world_vertices(regressor.dress_under(sequence_track(sequence), conditions(sequence)), sequence)
+        track, other = sequence_track(sequence), others(sequence)
+        if other is None:
+            return world_vertices(dress(track, sequence), sequence)
+        return world_vertices(dress(other.own_track(track), sequence) + other.change(track), sequence)
 
     return predict
 

@@ -5,8 +5,8 @@
     python -m pipeline.generate --garment skirt --label run --sample-material --shape 1.5 0 -1
 
 Several labels follow each other, each for an equal part of the time, and fade into one another. Motions of any length
-are made and dressed as a whole. Without --set, --shape or --sample-material it is the base material on the run's body;
-with them, the regressor that is told material and body. No vertex is inside the body, unless --no-refine is given.
+are made and dressed as a whole. With --set or --sample-material a regressor dresses them that is told the material;
+with --shape the garment is graded to another body. No vertex is inside the body, unless --no-refine is given.
 """
 
 from __future__ import annotations

@@ -21,9 +21,15 @@ from models.garment_mirror import mirror_map, mirrored_example
 from models.garment_regressor import RegressorConfig, variant_config
 from models.motion_features import sequence_track
 from models.shape_descriptor import load_shape_descriptor
-from pipeline.garment_data import CONDITIONED, DESCRIPTOR_SPACE, conditioned_examples, garment_examples
+from pipeline.garment_data import (
+    CONDITIONED,
+    DESCRIPTOR_SPACE,
+    conditioned_examples,
+    garment_examples,
+    other_bodies,
+)
 from pipeline.intrinsic_data import LOGARITHMIC, SHARED, all_codes, job_codes
-from pipeline.sequence_data import job_sequences
+from pipeline.sequence_data import job_bodies, job_body, job_sequences
 from pipeline.stage import Job, run_stage
 from pipeline.training_job import TrainingProgress, settings_of, training_settings, values_of, work_dir
 
@@ -81,13 +87,14 @@ def _train_conditioned(job: Job) -> None:
     template_path, *shards = job.inputs
     template, base = GarmentTemplate.load(template_path), None
     watched = (UNSEEN_MOTIONS, UNSEEN_BOTH, UNSEEN_BODIES_AND_MOTIONS)
+    others = other_bodies(template, job_body(job), job_bodies(job))
     training, held_out = [], []
     for sequence in _one_by_one(job, shards, (TRAIN, *watched), (MOTIONS, MATERIALS, BODIES)):
         # Of the material plans' unseen motions there are as many as of all else: where both are unseen is enough.
         if sequence.split == TRAIN:
-            training += conditioned_examples([sequence])
+            training += conditioned_examples([sequence], others)
         elif sequence.split != UNSEEN_MOTIONS or sequence.plan == MOTIONS:
-            held_out += conditioned_examples([sequence])
+            held_out += conditioned_examples([sequence], others)
         if sequence.plan == MOTIONS and base is None:
             base = Conditions(sequence.parameters, sequence.shape)
     if not training or base is None:

@@ -16,6 +16,7 @@ from formats.animation import Animation, dressed, plain_name
 from garments.grading import graded
 from models.conditioned_regressor import Conditions
 from models.motion_features import MotionTrack
+from models.other_bodies import OtherBody
 from motions.clip import Clip
 from motions.lead_in import lead_in
 from runtime.finished_run import LearnedGarment
@@ -45,11 +46,6 @@ class Wearing:
         return run.body if self.shape is None else run.plain_body.shaped(self.shape)
 
     @property
-    def is_base(self) -> bool:
-        """Whether it is the base material on the run's own body."""
-        return self.parameters is None and self.shape is None
-
-    @property
     def all_parameters(self) -> Mapping[str, float]:
         """Every intrinsic parameter."""
         return self.garment.base_parameters if self.parameters is None else self.parameters
@@ -71,7 +67,9 @@ class Dressed:
 
 
 def dress(clip: Clip, wearing: Wearing, refine: bool = True) -> Dressed:
-    """Dress a motion by the networks: the regressor in use, or the one that is told material and body.
+    """Dress a motion by the networks: the regressor in use, or the one that is told the material.
+
+    On another body, the garment is graded to it (``models.other_bodies``).
 
     Args:
         clip: Motion of the run's own body, at the run's frame rate.
@@ -86,12 +84,8 @@ def dress(clip: Clip, wearing: Wearing, refine: bool = True) -> Dressed:
         raise ValueError(f"motion '{clip.name}' has {clip.fps:g} frames a second, {run.folder} has {run.fps:g}")
     worn = clip if wearing.shape is None else on_body(clip, run.body, body)
     track = clip_track(worn, body, run.lead_in)
-    if wearing.is_base:
-        canonical = garment.regressor.dress(track)
-    else:
-        shape = run.shape if wearing.shape is None else wearing.shape
-        canonical = garment.conditioned.dress_under(track, Conditions(wearing.all_parameters, shape))
-    vertices = in_world(canonical, track)
+    other = None if wearing.shape is None else OtherBody(garment.template, run.body, body)
+    vertices = in_world(_canonical(track, wearing, other), track)
     body_vertices = body.posed(worn.pose, worn.root)
     refiner = garment.refiner(body)
     if refine:
@@ -136,6 +130,18 @@ def simulate(clip: Clip, wearing: Wearing, device: str = "auto") -> Dressed:
     animation = _animation(worn, wearing, result.vertices, body.posed(worn.pose, worn.root), "xpbd")
     inside = int(result.quality["vertices_inside"])
     return Dressed(animation, inside / len(template.vertices), inside)
+
+
+def _canonical(track: MotionTrack, wearing: Wearing, other: OtherBody | None) -> np.ndarray:
+    """Canonical garment vertices [T, V, 3] [m] along a track of the body that wears it."""
+    garment = wearing.garment
+    own = track if other is None else other.own_track(track)
+    if wearing.parameters is None:
+        vertices = garment.regressor.dress(own)
+    else:
+        shape = garment.run.shape if wearing.shape is None else wearing.shape
+        vertices = garment.conditioned.dress_under(own, Conditions(wearing.parameters, shape))
+    return vertices if other is None else vertices + other.change(track)
 
 
 def in_world(canonical: np.ndarray, track: MotionTrack) -> np.ndarray:

@@ -126,6 +126,13 @@ def test_conditioned_regressor_uses_material_and_body(body: Body, conditioned: C
         assert _error(told(sequence), sequence) < 0.7 * _error(ignored, sequence)
 
 
+def test_coefficients_of_few_bodies_are_not_taken() -> None:
+    bodies = [Conditions({"bend": 1.0 + i}, (0.1 * i, 0.2 * i)) for i in range(7)]
+    assert ConditionColumns.varied(bodies, ()).shape == (0, 1)
+    assert ConditionColumns.varied(bodies[:6], ()).shape == ()
+    assert ConditionColumns.varied(bodies[:6], ()).parameters == ("bend",)
+
+
 def test_conditioned_regressor_dresses_base_material_where_nothing_is_said(
     body: Body, conditioned: ConditionedRegressor
 ) -> None:
@@ -177,10 +184,10 @@ def test_few_bodies_among_many_parameter_sets_are_not_held_as_unusual() -> None:
 
 
 def test_a_parameter_that_is_left_out_is_not_told() -> None:
-    two = [Conditions({"bend": b, "substeps": s}, (s, 0.0)) for b, s in ((1.0, 10), (2.0, 20))]
-    columns = ConditionColumns.varied(two, {"bend"}, without={"substeps"})
+    four = [Conditions({"bend": b, "substeps": 10 * b}, (10 * b, 0.0)) for b in (1.0, 2.0, 3.0, 4.0)]
+    columns = ConditionColumns.varied(four, {"bend"}, without={"substeps"})
     assert columns == ConditionColumns(("bend",), ("bend",), (0,))
-    np.testing.assert_allclose(columns.rows(two), [[0.0, 10.0], [np.log(2.0), 20.0]], rtol=1e-6)
+    np.testing.assert_allclose(columns.rows(four)[:2], [[0.0, 10.0], [np.log(2.0), 20.0]], rtol=1e-6)
 
 
 @pytest.fixture(scope="module", params=["paper", "residual-pca"])

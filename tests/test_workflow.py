@@ -59,6 +59,8 @@ def test_tables_hold_both_garments_and_the_baselines(smoke):
     methods = {row["method"] for row in regressors}
     for baseline in ("mean shape", "linear blend skinning + mean residual", "ridge, pose history"):
         assert baseline in methods
+    on_bodies = {row["method"] for row in regressors if row["split"] == "unseen_bodies"}
+    assert {"regressor, window", "regressor, window, graded to the body", "regressor, conditioned"} <= on_bodies
     solvers = {row["solver"] for row in rows(smoke.results / "tables" / "timing.csv")}
     assert {"XPBD", "implicit Euler", "garment regressor"} <= solvers
 
