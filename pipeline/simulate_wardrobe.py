@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from body.model import Body
 from garments.build import build_template
-from garments.spec import VERTEX_LIMITS, GarmentSpec
+from garments.spec import MEASURES, VERTEX_LIMITS, GarmentSpec
 from garments.template import GarmentTemplate
 from pipeline import simulate
 from pipeline.stage import Job, run_stage
 
-ATTEMPTS = 4
-MORE_VERTICES = 1.03
-"""Meshes tried of a sampled garment, each with that many times the vertices of the one before."""
+ATTEMPTS = 6
+MORE_VERTICES, LESS_EASE = 1.03, 0.8
+"""Meshes tried of a sampled garment; each has so many times the vertices, or the ease, of the one before."""
 
 
 def main(job: Job) -> None:
@@ -30,20 +30,28 @@ def main(job: Job) -> None:
 
 
 def sampled_template(name: str, geometry: dict, body: Body) -> GarmentTemplate:
-    """Build a garment whose measures nobody chose; a mesh that misses a bound is made with a few more vertices.
+    """Build a garment whose measures nobody chose.
+
+    A mesh that misses a bound is made with a few more vertices, one whose openings run into each other with less ease.
 
     Raises:
         ValueError: The measures do not fit this body, or no attempt was within the bounds; of the last one.
     """
-    count = geometry["vertices"]
+    tried = dict(geometry)
     for attempt in range(ATTEMPTS):
-        wanted = min(round(count * MORE_VERTICES**attempt), VERTEX_LIMITS[geometry["kind"]][1])
         try:
-            return build_template(GarmentSpec(name, **geometry | {"vertices": wanted}), body)
+            return build_template(GarmentSpec(name, **tried), body)
         except ValueError as error:
-            if "more vertices" not in str(error) or attempt == ATTEMPTS - 1:
+            said = str(error)
+            if attempt == ATTEMPTS - 1:
                 raise
-            print(f"[wardrobe {name}] tried again: {error}", flush=True)
+        if "more vertices" in said:
+            tried["vertices"] = min(round(tried["vertices"] * MORE_VERTICES), VERTEX_LIMITS[tried["kind"]][1])
+        elif "lower ease" in said:
+            tried["ease"] = max(round(tried["ease"] * LESS_EASE, 4), MEASURES[tried["kind"]]["ease"].low)
+        else:
+            raise ValueError(said)
+        print(f"[wardrobe {name}] tried again: {said}", flush=True)
     raise AssertionError("the last attempt returns or raises")
 
 

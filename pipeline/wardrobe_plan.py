@@ -18,7 +18,6 @@ from typing import Any
 
 from datasets.shards import WARDROBE
 from datasets.splits import UNSEEN_MOTIONS, SplitRule
-from garments.spec import SHORTEST_SLEEVE
 from pipeline.canonical import canonical
 from pipeline.plan import GOLDEN, PlannedClip, plan_clips
 from sim.fabrics import base_values
@@ -27,6 +26,9 @@ Config = Mapping[str, Any]
 
 CATEGORIES = ("tshirt", "top", "pants", "jumpsuit", "skirt", "dress")
 """Garment kinds that a wardrobe may hold, in the order of the paper's Table 2."""
+
+SHORTEST_SAMPLED_SLEEVE = 0.15
+"""A shorter sleeve is none [m]: of a loose garment it would end in the fabric under the armpit."""
 
 _STEPS = {
     "vertices": GOLDEN,
@@ -71,7 +73,7 @@ def template_geometry(config: Config, name: str) -> dict[str, Any]:
     geometry: dict[str, Any] = {"kind": category, "vertices": round(count)}
     for measure, ends in settings["garments"][category]["measures"].items():
         geometry[measure] = round(sampled(measure, ends["min"], ends["max"]), 3)
-    if 0.0 < geometry.get("sleeve", 0.0) < SHORTEST_SLEEVE:
+    if 0.0 < geometry.get("sleeve", 0.0) < SHORTEST_SAMPLED_SLEEVE:
         geometry["sleeve"] = 0.0
     if geometry.get("sleeve", 0.0) > 0.0:
         geometry.pop("strap", None)

@@ -223,7 +223,7 @@ def test_what_does_not_belong_together_is_refused(made, tmp_path):
             load_wardrobe([path], rule, 1)
 
 
-def test_a_mesh_that_misses_a_bound_is_made_with_more_vertices(monkeypatch):
+def test_a_mesh_that_misses_a_bound_is_made_with_more_vertices_or_less_ease(monkeypatch):
     asked = []
 
     def build(spec: GarmentSpec, body: object) -> int:
@@ -235,7 +235,18 @@ def test_a_mesh_that_misses_a_bound_is_made_with_more_vertices(monkeypatch):
     monkeypatch.setattr(simulate_wardrobe, "build_template", build)
     assert simulate_wardrobe.sampled_template("x", {"kind": "skirt", "vertices": 1000}, None) == 1061
     assert asked == [1000, 1030, 1061]
-    asked.clear()
+    eases = []
+
+    def loose(spec: GarmentSpec, body: object) -> float:
+        eases.append(spec.ease)
+        if len(eases) < 3:
+            raise ValueError("garment 'x': its openings run into each other (6 instead of 4): lower ease and close")
+        return spec.ease
+
+    monkeypatch.setattr(simulate_wardrobe, "build_template", loose)
+    shirt = {"kind": "tshirt", "vertices": 1000, "ease": 0.02}
+    assert simulate_wardrobe.sampled_template("x", shirt, None) == eases[-1] == pytest.approx(0.0128)
+    assert shirt["ease"] == 0.02
     with pytest.raises(ValueError, match="passes the ankles"):
         monkeypatch.setattr(simulate_wardrobe, "build_template", _too_long)
         simulate_wardrobe.sampled_template("x", {"kind": "skirt", "vertices": 1000}, None)
