@@ -187,6 +187,8 @@ def _anchor(module: MeshVaeGan, data: Tensor, pose: Tensor, types: Tensor, clips
     inputs = regression_inputs(pose, types).numpy().astype(np.float64)
     names = sorted(set(clips.tolist()))
     fold = np.array([names.index(clip) % FOLDS for clip in clips.tolist()])
+    if len(names) < 2:  # nothing unseen to learn from
+        fold = np.arange(len(clips)) % FOLDS
     penalised = np.ones(inputs.shape[1])
     penalised[:: pose.shape[1] + 1] = 1e-6  # the constant of each type
     grams, products = [], []

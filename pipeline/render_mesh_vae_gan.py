@@ -119,7 +119,8 @@ def _poses_by_codes(
     clips = sorted(set(frames.clip.tolist()))[:3]
     for clip in clips:
         own = np.flatnonzero(frames.clip == clip)
-        number = int(own[len(own) // 2])
+        # The frame whose joints are turned farthest: most clips begin and end upright.
+        number = int(own[np.abs(frames.pose[own, 1:]).sum(axis=(1, 2)).argmax()])
         pose, root = (np.repeat(getattr(frames, name)[number][None], len(z), axis=0) for name in ("pose", "root"))
         dressed = dressed_body(body, network.generate(z, pose, [kind] * len(z)), pose, root)
         rows.append([painter.draw(one, painter.worn[kind]) for one in dressed])
