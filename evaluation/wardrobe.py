@@ -121,14 +121,16 @@ def stability_rows(method: str, losses: Iterable[Row]) -> list[Row]:
 def contact_rows(
     template: GarmentTemplate,
     body: Body,
-    predictions: Iterable[tuple[TestMotion, np.ndarray]],
-    correct: Correction,
+    predictions: Iterable[tuple[TestMotion, np.ndarray, Correction]],
     settings: RefinementSettings,
 ) -> dict[str, Contact]:
-    """Vertices inside the body as the network leaves them, after its physical regressor, and after the projection."""
+    """Vertices inside the body as the network leaves them, after its physical regressor, and after the projection.
+
+    A prediction [T, N, 3] comes with the regressor for the material that its sequence is in.
+    """
     refiner = Refiner(template.topology, body.faces, len(body.vertices), settings)
     found = {"network": Contact(), "regressor": Contact(), "projection": Contact()}
-    for motion, predicted in predictions:
+    for motion, predicted, correct in predictions:
         for vertices, under in zip(predicted[:: motion.stride], motion.body, strict=True):
             posed = refiner.body.at(under)
             hits = posed.query(vertices)

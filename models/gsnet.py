@@ -12,8 +12,11 @@ inside the body and learns without truth. Two networks:
   joints, which know the last second of the motion and a pooled memory of the garment, send a displacement along each,
   and a vertex adds up what arrives to its skinned place. All frames of all motions are then one matrix product.
 
-Both see the garment of the frame before. Teacher forcing, as published, lets errors grow in a roll-out; ``GSNet`` is
-trained on its own roll-outs from the bind pose, and its memory is bounded.
+The published network sees the garment of the frame before, and is taught from true ones; in a roll-out its errors feed
+on themselves. ``GSNet`` may have the garment before as a pooled, bounded memory of the joints, and is then taught on
+its own roll-outs, from the lead-in or a noised true frame. The motion of the last second makes that memory superfluous:
+on a skirt and a T-shirt, new clips were 19 mm off with it and without after 300 steps of 20 frames a clip; after 1,800
+steps 10.9 mm without it, 12.4 mm with it on roll-outs of 8 frames, which took 1.6 times as long.
 
 Dimensions: B sequences, F = L + T frames, N garment vertices, J = 24 joints, K edges a vertex, P material parameters.
 """
@@ -260,16 +263,18 @@ class GSNet(Animator):
         return self.arrive(encoding, motion.transforms[:, motion.lead :], sent)
 
     def rehearse(self, worn: Many[Worn], frames: Tensor) -> list[Rehearsal]:
-        """Roll-outs; the joints of all garments go through them side by side."""
+        """Roll-outs, the joints of all garments side by side; without a memory, the frames asked for."""
+        if self.memory is None:
+            return [self._rehearse_frames(w, frames) for w in worn]
         motion, state, length = worn[0].motion, None, self.config.segment or worn[0].motion.frames
         first = int(torch.randint(0, max(1, motion.frames - length + 1), (1,)))
         if float(torch.rand(1)) < length / motion.frames:  # beginnings are as frequent as any other part
             first = 0
         wanted = torch.arange(first, min(first + length, motion.frames))
-        before = motion.lead if first == 0 or self.memory is None else 0
+        before = motion.lead if first == 0 else 0
         now = torch.arange(motion.lead + first - before, motion.lead + len(wanted) + first)
         drive = torch.cat([self.drive(w.encoding, w.motion, now) for w in worn])
-        if self.memory is not None and first > 0:
+        if first > 0:
             with torch.no_grad():
                 last = motion.lead + first - 1
                 state = torch.cat([self.remembered(w.encoding, w.motion, last, w.truth[:, first - 1]) for w in worn])
@@ -281,6 +286,11 @@ class GSNet(Animator):
             Rehearsal(self.arrive(w.encoding, w.motion.transforms[:, motion.lead + wanted], part), wanted)
             for w, part in zip(worn, parts, strict=True)
         ]
+
+    def _rehearse_frames(self, worn: Worn, frames: Tensor) -> Rehearsal:
+        now = worn.motion.lead + frames
+        sent = self.send(self.drive(worn.encoding, worn.motion, now), None)
+        return Rehearsal(self.arrive(worn.encoding, worn.motion.transforms[:, now], sent), frames)
 
     def remembered(self, encoding: Encoding, motion: Motion, frame: int, vertices: Tensor) -> Tensor:
         """Pooled memory [B, K, 3] of vertices [B, N, 3] at a frame, counted from the lead-in's first."""

@@ -362,6 +362,12 @@ def _check_models(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
             raise _error(layers, (*key, "like"), found, allowed)
         if "kind" not in settings and "like" not in settings and variant not in kinds:
             raise _error(layers, key, "found no kind", f"a variant of a name of its own needs kind: {', '.join(kinds)}")
+    variants = config["models"]["gsnet"]["variants"]
+    complete = [name for name, settings in variants.items() if "like" not in settings]
+    for variant, settings in variants.items():
+        if "like" in settings and settings["like"] not in complete:
+            found, allowed = f"found {settings['like']!r}", f"allowed are {', '.join(complete)}"
+            raise _error(layers, ("models", "gsnet", "variants", variant, "like"), found, allowed)
     for variant, cvae in config["models"]["motion_cvae"]["variants"].items():
         if "heads" in cvae and cvae["width"] % cvae["heads"]:
             key, found = ("models", "motion_cvae", "variants", variant, "heads"), f"found {cvae['heads']}"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
 import torch
+import yaml
 
 from body.model import Body
 from evaluation.wardrobe import averaged, gap_rows, stability_rows
@@ -28,8 +30,11 @@ from models.gsnet_fitting import (
 from models.gsnet_losses import bend_loss, collision_loss, data_loss, distance_loss, edge_loss, gravity_loss
 from models.motion_features import MotionTrack
 from models.training import TrainingSettings
+from pipeline.config import ConfigError, check_config, read_layers
+from pipeline.spec import variant_settings
 
 torch.set_num_threads(1)
+ROOT = Path(__file__).parent.parent
 LEAD, FRAMES = 5, 12
 MATERIALS = ("bend", "density")
 COTTON = material_row({"bend": 3e-5, "density": 0.15, "gravity": 9.81}, MATERIALS)
@@ -339,3 +344,22 @@ def test_tables_average_what_belongs_together_and_compare_on_shared_clips():
         for e, s, x in ((1, "train", 9.0), (1, "validation", 8.0), (2, "validation", 4.0))
     ]
     assert [r["over_best"] for r in stability_rows("a", losses)] == [2.0, 1.0]
+
+
+def test_the_ablation_differs_from_the_network_by_what_its_names_say():
+    config = yaml.safe_load((ROOT / "configs/default.yaml").read_text())
+    variants = config["models"]["gsnet"]["variants"]
+    whole = {name: variant_settings(variants, name) for name in variants}
+    steady, training = whole["steady"], whole["pose"]["training"]
+    for name, changed in {
+        "no-temporal": {"offsets"},
+        "garment": {"offsets", "garment_state", "segment"},
+        "garment-pose": {"garment_state", "segment"},
+        "pose": set(),
+    }.items():
+        assert {k for k in whole[name] if whole[name][k] != steady.get(k)} - {"training"} == changed
+        assert whole[name]["training"] == training  # all as long as each other
+    assert set(NETWORKS) == {one["kind"] for one in whole.values()} | {"skinning"}
+    with pytest.raises(ConfigError, match=r"variants.pose.like: found 'stedy'; allowed are steady"):
+        variants["pose"]["like"] = "stedy"
+        check_config(config, read_layers([str(ROOT / "configs/default.yaml")]))

@@ -1,0 +1,153 @@
+"""Stage ``evaluate_gsnet``: GSNet beside its baselines on garments seen and unseen (Peng 2023, section 4).
+
+In: the trained variants with their losses, garments with long simulations, and the wardrobe. Out: the tables
+
+- ``gsnet``: error, edge, bend and collision of every method in every split (Table 1; the ablation of Table 3 is in it);
+- ``gsnet_categories``: the same, category by category (Table 2);
+- ``gsnet_gap``: train-test gap, on seen and unseen templates (Fig. 7);
+- ``gsnet_stability``: error on held-out clips over the epochs (Fig. 8);
+- ``gsnet_contact``: vertices inside the body before and after the physical regressor and the projection;
+- ``gsnet_drift``: errors along a roll-out over long motions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as Many
+
+import numpy as np
+import torch
+
+from body.model import Body
+from datasets.sequences import Sequence, load_sequences
+from datasets.shards import LONG
+from datasets.splits import SplitRule
+from evaluation.collisions import Contact
+from evaluation.drift import drift_rows
+from evaluation.table import Row, read_table, write_table
+from evaluation.wardrobe import TestMotion, averaged, contact_rows, gap_rows, stability_rows
+from garments.template import GarmentTemplate
+from models.garment_animator import Animator
+from models.garment_graph import GarmentGraph, material_row
+from models.gsnet import corrector
+from models.gsnet_fitting import build_animator, load_animator
+from models.refinement import RefinementSettings
+from pipeline.garment_data import world_vertices
+from pipeline.gsnet_data import dressed
+from pipeline.progress import Progress
+from pipeline.sequence_data import job_body
+from pipeline.stage import Job, run_stage
+from pipeline.wardrobe_data import TRAIN, UNSEEN_BOTH, UNSEEN_MOTIONS, WARDROBE_SPLITS, WardrobeGarment, job_wardrobe
+
+GAP = 2
+"""Training sequences of a garment that the train-test gap looks at."""
+
+
+def main(job: Job) -> None:
+    """Dress the test sequences with every method, then lay the figures together."""
+    torch.set_num_threads(job.threads)
+    spec, variants = job.spec, job.spec["variants"]
+    paths, losses, rest = _split(job.inputs, len(variants), len(variants))
+    body, stride = job_body(job), spec["evaluation"]["frames_stride"]
+    animators = dict(zip(variants, map(load_animator, paths), strict=True))
+    names = animators[spec["use"]].config.materials
+    skinning = build_animator("skinning", {"materials": names, "body": body.digest})
+    methods: dict[str, Animator] = {"linear blend skinning": skinning} | animators
+    garments = job_wardrobe(job, WARDROBE_SPLITS)
+
+    rows: list[Row] = []
+    contact: dict[str, dict[str, Contact]] = {}
+    progress = Progress("evaluate gsnet", len(garments), "garments")
+    for garment in garments:
+        some, kept = _evaluate(garment, methods, spec["use"], body, stride)
+        rows += some
+        if kept:
+            made = _contact(garment, animators[spec["use"]], kept, body, RefinementSettings(**spec["refinement"]))
+            contact[garment.template.name] = made
+        progress(1)
+    progress.finish()
+    rows.sort(key=lambda row: WARDROBE_SPLITS.index(row["split"]))
+    write_table(job.outputs[0], averaged(rows, ("split", "method")))
+    write_table(job.outputs[1], averaged([r for r in rows if r["split"] != TRAIN], ("split", "category", "method")))
+    write_table(job.outputs[2], gap_rows(rows, TRAIN, UNSEEN_MOTIONS, UNSEEN_BOTH))
+    write_table(
+        job.outputs[3],
+        [row for variant, path in zip(variants, losses) for row in stability_rows(variant, read_table(path))],
+    )
+    write_table(
+        job.outputs[4],
+        [
+            {"garment": name, "after": stage} | figures.figures("")
+            for name, stages in contact.items()
+            for stage, figures in stages.items()
+        ],
+    )
+    write_table(job.outputs[5], _drift(job, rest, methods, body))
+
+
+def _split(paths: list[str], *counts: int) -> tuple[list[str], ...]:
+    """Runs of the given lengths, and the rest."""
+    parts, start = [], 0
+    for count in counts:
+        parts.append(paths[start : start + count])
+        start += count
+    return *parts, paths[start:]
+
+
+def _evaluate(
+    garment: WardrobeGarment, methods: dict[str, Animator], used: str, body: Body, stride: int
+) -> tuple[list[Row], list[tuple[TestMotion, np.ndarray]]]:
+    """Rows of one garment, and what the network in use made of its test sequences."""
+    template = garment.template
+    graph = GarmentGraph.of(template, body)
+    sequences = [*garment.in_split(TRAIN)[:GAP], *(s for s in garment.sequences if s.split != TRAIN)]
+    motions = [TestMotion(s, body, stride) for s in sequences]
+    rows: list[Row] = []
+    kept: list[tuple[TestMotion, np.ndarray]] = []
+    for method, animator in methods.items():
+        if not animator.knows(template.name):
+            continue
+        predicted = dressed(animator, graph, sequences, body, animator.config.materials)
+        rows += [m.row(template, garment.category, method, p) for m, p in zip(motions, predicted, strict=True)]
+        if method == used:
+            kept = [(m, p) for m, p in zip(motions, predicted, strict=True) if m.sequence.split != TRAIN]
+    return rows, kept
+
+
+def _contact(
+    garment: WardrobeGarment,
+    animator: Animator,
+    kept: list[tuple[TestMotion, np.ndarray]],
+    body: Body,
+    settings: RefinementSettings,
+) -> dict[str, Contact]:
+    """Vertices inside the body in one garment's test sequences."""
+    graph, names = GarmentGraph.of(garment.template, body), animator.config.materials
+    predictions = (
+        (m, p, corrector(animator, graph, material_row(m.sequence.parameters, names), settings.clearance))
+        for m, p in kept
+    )
+    return contact_rows(garment.template, body, predictions, settings)
+
+
+def _drift(job: Job, paths: list[str], methods: dict[str, Animator], body: Body) -> list[Row]:
+    """Errors along long simulations of the run's garments, which are no part of the wardrobe."""
+    rows: list[Row] = []
+    for name in job.spec["long"]:
+        template_path, shard, *paths = paths
+        template = GarmentTemplate.load(template_path)
+        graph = GarmentGraph.of(template, body)
+        long: Many[Sequence] = load_sequences([shard], SplitRule(**job.spec["splits"]), plans=(LONG,))
+        if not long:
+            rows.append({"garment": name, "method": "no long motion stayed inside the quality bounds", "sequences": 0})
+            continue
+
+        def predictor(animator: Animator, graph: GarmentGraph = graph):
+            return lambda s: world_vertices(dressed(animator, graph, [s], body, animator.config.materials)[0], s)
+
+        known = {method: predictor(a) for method, a in methods.items() if a.knows(template.name)}
+        rows += drift_rows(long, known)
+    return rows or [{"garment": "", "method": "the run has no long simulations", "sequences": 0}]
+
+
+if __name__ == "__main__":
+    run_stage(main)

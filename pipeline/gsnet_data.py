@@ -1,0 +1,51 @@
+"""From the wardrobe's garments to the examples of networks that dress any garment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Sequence as Many
+
+import numpy as np
+
+from body.model import Body
+from datasets.sequences import Sequence
+from geometry.rotations import axis_angle_to_matrix
+from models.garment_animator import Animator
+from models.garment_graph import GarmentGraph, material_row
+from models.gsnet_fitting import WardrobeExample
+from models.motion_features import sequence_track
+from pipeline.wardrobe_data import WardrobeGarment
+
+TOGETHER = 8
+"""Sequences that a network dresses side by side."""
+
+
+def wardrobe_examples(
+    garments: Iterable[WardrobeGarment], splits: tuple[str, ...], body: Body, materials: Many[str]
+) -> list[WardrobeExample]:
+    """The garments' sequences of some splits, in the pelvis frame of each frame."""
+    return [
+        WardrobeExample(graph, material_row(s.parameters, materials), sequence_track(s), canonical_vertices(s))
+        for garment in garments
+        for graph in [GarmentGraph.of(garment.template, body)]
+        for s in garment.in_split(*splits)
+    ]
+
+
+def canonical_vertices(sequence: Sequence) -> np.ndarray:
+    """Simulated vertices [T, N, 3] float32 [m] in the pelvis frame of each frame."""
+    rotation = axis_angle_to_matrix(sequence.pose[:, 0])
+    position = sequence.joints[:, 0].astype(np.float64)
+    return np.matmul(sequence.vertices - position[:, None], rotation).astype(np.float32)
+
+
+def dressed(
+    animator: Animator, graph: GarmentGraph, sequences: Many[Sequence], body: Body, materials: Many[str]
+) -> list[np.ndarray]:
+    """Canonical vertices [T, N, 3] of one garment on the motions of sequences, in their materials."""
+    found: list[np.ndarray] = []
+    for start in range(0, len(sequences), TOGETHER):
+        some = sequences[start : start + TOGETHER]
+        rows = [material_row(s.parameters, materials) for s in some]
+        found += animator.dress_all(graph, rows, [sequence_track(s) for s in some], body)
+    return found
