@@ -101,8 +101,8 @@ def variance_row(network: MotionInvariantNetwork, frames: IntrinsicFrames, split
     """Variance of z within one phi over the variance of its means across phi; 0 = motion-invariant.
 
     ``ratio`` is of single frames, as is the variance in the paper's loss (section 3.4; the paper prints no figure), and
-    the harder one: a frame tells little of some materials. ``clip_ratio`` is of the z of each sequence. None with fewer than two phi, or where z
-    does not vary at all.
+    the harder one: a frame tells little of some materials. ``clip_ratio`` is of the z of each sequence. None with fewer
+    than two phi, or where z does not vary at all.
     """
     latents, owners = sequence_latents(network, frames)
     return {
