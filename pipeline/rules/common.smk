@@ -3,7 +3,7 @@
 import sys
 from glob import glob
 
-from pipeline import spec
+from pipeline import spec, wardrobe_plan
 from pipeline.config import ConfigError, check_config, read_layers
 from pipeline.plan import batch_count, learning_batch_count, shard_batches, shard_names
 from pipeline.sources import stage_sources
@@ -19,6 +19,8 @@ except ConfigError as error:
 
 RESULTS = f"results/{config['run']}"
 GARMENTS = sorted(config["garments"])
+WARDROBE = wardrobe_plan.wardrobe_names(config)
+LAYERS = f"{RESULTS}/layers"
 # Where the work is done, not what comes out: kept out of the parameters, so that a change reruns nothing.
 DEVICE = config["compute"]["device"]
 THREADS = config["compute"]["threads"]
@@ -99,3 +101,46 @@ def losses():
         for model in ("shape_descriptor", "motion_invariant", "garment_regressor"):
             trainings += [f"{garment}/{model}/{variant}" for variant in spec.trained_variants(config, model)]
     return [f"{RESULTS}/training/{training}/losses.csv" for training in trainings]
+
+
+def regressor_shards(wildcards):
+    """Shards that a regressor is trained on: one that is told of the body sees other bodies too."""
+    bodies = body_shards(wildcards) if wildcards.variant.startswith("conditioned") else []
+    return shards(wildcards) + bodies
+
+
+def regressor_descriptor(wildcards):
+    """Shape descriptor and codes, of the regressor that predicts codes alone: others need not wait for them."""
+    if not wildcards.variant.startswith("descriptor-space"):
+        return []
+    return [path.format(garment=wildcards.garment) for path in (model_file("shape_descriptor"), codes_file())]
+
+
+def wardrobe_templates():
+    """Templates of all garments of the wardrobe."""
+    return [f"{RESULTS}/wardrobe/{name}.npz" for name in WARDROBE]
+
+
+def wardrobe_shards():
+    """Shards of all garments of the wardrobe, in the order of the templates."""
+    return [f"{RESULTS}/wardrobe/{name}.h5" for name in WARDROBE]
+
+
+def gsnet_model(variant):
+    """Path of a trained variant."""
+    return f"{RESULTS}/models/gsnet/{variant}.pt"
+
+
+def gsnet_losses(variant):
+    """Path of its losses."""
+    return f"{RESULTS}/training/gsnet/{variant}/losses.csv"
+
+
+def layer_files(pattern):
+    """Paths of all types, in the networks' numbering."""
+    return [f"{LAYERS}/{pattern.format(layer=layer)}" for layer in spec.layer_types(config)]
+
+
+def mesh_vae_gans():
+    """Paths of all variants, in the order of the config."""
+    return [f"{RESULTS}/models/mesh_vae_gan/{variant}.pt" for variant in spec.trained_variants(config, "mesh_vae_gan")]

@@ -2,17 +2,6 @@
 
 from pipeline import gsnet_spec
 
-
-def gsnet_model(variant):
-    """Path of a trained variant."""
-    return f"{RESULTS}/models/gsnet/{variant}.pt"
-
-
-def gsnet_losses(variant):
-    """Path of its losses."""
-    return f"{RESULTS}/training/gsnet/{variant}/losses.csv"
-
-
 GSNET_VARIANTS = spec.trained_variants(config, "gsnet")
 GSNET_TABLES = ["gsnet", "gsnet_categories", "gsnet_gap", "gsnet_stability", "gsnet_contact", "gsnet_drift"]
 

@@ -150,19 +150,6 @@ rule train_motion_cvae:
         " --in {input.motions} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
-def regressor_shards(wildcards):
-    """Shards that a regressor is trained on: one that is told of the body sees other bodies too."""
-    bodies = body_shards(wildcards) if wildcards.variant.startswith("conditioned") else []
-    return shards(wildcards) + bodies
-
-
-def regressor_descriptor(wildcards):
-    """Shape descriptor and codes, of the regressor that predicts codes alone: others need not wait for them."""
-    if not wildcards.variant.startswith("descriptor-space"):
-        return []
-    return [path.format(garment=wildcards.garment) for path in (model_file("shape_descriptor"), codes_file())]
-
-
 rule train_garment_regressor:
     input:
         shards=regressor_shards,

@@ -1,21 +1,9 @@
 # Clothing as a layer on the body mesh (Ma 2019): outfits simulated on sampled bodies, brought to the body's topology,
 # learned by a conditional Mesh VAE-GAN. A target of its own.
 
-LAYERS = f"{RESULTS}/layers"
-
 
 wildcard_constraints:
     layer="|".join(spec.layer_types(config)),
-
-
-def layer_files(pattern):
-    """Paths of all types, in the networks' numbering."""
-    return [f"{LAYERS}/{pattern.format(layer=layer)}" for layer in spec.layer_types(config)]
-
-
-def mesh_vae_gans():
-    """Paths of all variants, in the order of the config."""
-    return [f"{RESULTS}/models/mesh_vae_gan/{variant}.pt" for variant in spec.trained_variants(config, "mesh_vae_gan")]
 
 
 rule layer_garment:

@@ -1,19 +1,5 @@
 # The wardrobe: garments of all categories, built and simulated for networks that dress any garment.
 
-from pipeline import wardrobe_plan
-
-WARDROBE = wardrobe_plan.wardrobe_names(config)
-
-
-def wardrobe_templates():
-    """Templates of all garments of the wardrobe."""
-    return [f"{RESULTS}/wardrobe/{name}.npz" for name in WARDROBE]
-
-
-def wardrobe_shards():
-    """Shards of all garments of the wardrobe, in the order of the templates."""
-    return [f"{RESULTS}/wardrobe/{name}.h5" for name in WARDROBE]
-
 
 rule simulate_wardrobe:
     input:
