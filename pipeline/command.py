@@ -96,7 +96,6 @@ def write(animation: Animation, paths: list[Path], force: bool) -> list[Path]:
     """Write an animation to each path; says each, its size and how long it took on standard output."""
     written = []
     for path in paths:
-        path.parent.mkdir(parents=True, exist_ok=True)
         start = time.monotonic()
         written.append(save_animation(path, animation, force))
         print(f"{written[-1]}  {_bytes(written[-1]) / 1e6:.2f} MB, {time.monotonic() - start:.1f} s", flush=True)
