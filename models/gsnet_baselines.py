@@ -17,6 +17,7 @@ Dimensions: B sequences, T wanted frames, N garment vertices, Q numbers of a pos
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass
@@ -105,12 +106,12 @@ class Skinning(Animator):
         return skinned(encoding, motion.transforms[:, motion.lead :])
 
 
-class _PoseSpace(Animator):
+class _PoseSpace(Animator, ABC):
     """Skinned templates whose deformation is linear in a code of the current pose."""
 
+    @abstractmethod
     def offsets(self, encoding: SkinnedEncoding, motion: Motion) -> Tensor:
         """Deformation in the bind pose [m], [B, T, N, 3], in the wanted frames."""
-        raise NotImplementedError
 
     def unroll(self, encoding: SkinnedEncoding, motion: Motion) -> Tensor:
         """Canonical vertices [B, T, N, 3] [m]."""

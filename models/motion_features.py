@@ -71,6 +71,11 @@ class MotionTrack:
         """Rotation [F, 3, 3] and position [F, 3] of the pelvis."""
         return axis_angle_to_matrix(self.pose[:, 0]), np.asarray(self.joints[:, 0], dtype=np.float64)
 
+    def in_world(self, canonical: np.ndarray) -> np.ndarray:
+        """World vertices [m], shape [T, V, 3] float32, of a garment's canonical ones in the wanted frames."""
+        rotation, position = (part[self.lead :].astype(np.float32) for part in self.pelvis_frames())
+        return np.matmul(canonical, np.swapaxes(rotation, 1, 2)) + position[:, None]
+
 
 def sequence_track(sequence: Sequence) -> MotionTrack:
     """The sequence's motion with its lead-in."""

@@ -182,9 +182,7 @@ def taught_predictor(regressor: SequenceRegressor) -> Predictor:
 
 def world_vertices(canonical: np.ndarray, sequence: Sequence) -> np.ndarray:
     """World vertices [T, V, 3] float32 [m] of canonical ones, by the sequence's own pelvis: any body's."""
-    rotation, position = sequence_track(sequence).pelvis_frames()
-    rotation, position = (x[-sequence.frames :].astype(np.float32) for x in (rotation, position))
-    return np.matmul(canonical, np.swapaxes(rotation, 1, 2)) + position[:, None]
+    return sequence_track(sequence).in_world(canonical)
 
 
 class _Together:

@@ -9,8 +9,6 @@ list.
 from __future__ import annotations
 
 import itertools
-import os
-import shutil
 from collections.abc import Collection, Mapping
 from collections.abc import Sequence as Many
 from pathlib import Path
@@ -19,6 +17,7 @@ import numpy as np
 import torch
 
 from body.model import Body
+from datasets.atomic import atomic_folder
 from datasets.sequences import Sequence, load_sequences
 from datasets.shards import MATERIALS, MOTIONS, read_header, read_quality
 from datasets.splits import SplitRule
@@ -51,15 +50,8 @@ SEEN_MATERIALS = ("bend", "density", "stretch", "air_drag")
 def main(job: Job) -> None:
     """Draw everything into a folder beside the final one, then move it there."""
     torch.set_num_threads(max(1, job.threads))
-    final = Path(job.outputs[0])
-    work = final.with_name(f".{final.name}.{os.getpid()}.tmp")
-    work.mkdir(parents=True)
-    try:
-        draw(job, work)
-        shutil.rmtree(final, ignore_errors=True)
-        os.replace(work, final)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
+    with atomic_folder(job.outputs[0]) as folder:
+        draw(job, folder)
 
 
 def draw(job: Job, folder: Path) -> None:
@@ -170,13 +162,11 @@ def dress_generated(
     track: MotionTrack, label: str, number: int, body: Body, regressor: Regressor, refiner: Refiner
 ) -> tuple[Dressed, float]:
     """A generated motion, dressed and refined, and the share of vertices inside before [%]."""
-    rotation, position = (x[track.lead :] for x in track.pelvis_frames())
-    garment = np.matmul(regressor.dress(track), np.swapaxes(rotation, 1, 2)) + position[:, None]
-    body_vertices = body.posed(track.pose[track.lead :], position - body.joints[0])
-    refined, stats = refiner.refine_sequence(garment.astype(np.float32), body_vertices)
-    return Dressed(refined, body_vertices, f"generated_{number:02d}", label), 100.0 * stats.inside / garment[
-        ..., 0
-    ].size
+    garment = track.in_world(regressor.dress(track))
+    body_vertices = body.posed(track.pose[track.lead :], track.joints[track.lead :, 0] - body.joints[0])
+    refined, stats = refiner.refine_sequence(garment, body_vertices)
+    inside = 100.0 * stats.inside / garment[..., 0].size
+    return Dressed(refined, body_vertices, f"generated_{number:02d}", label), inside
 
 
 def dressed(sequence: Sequence, body: Body) -> Dressed:

@@ -8,8 +8,6 @@ through principal components, with error maps; shapes between two parameter sets
 from __future__ import annotations
 
 import itertools
-import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +15,7 @@ import numpy as np
 import torch
 
 from body.model import Body
+from datasets.atomic import atomic_folder
 from datasets.sequences import Sequence, from_canonical, to_canonical
 from datasets.splits import TRAIN
 from evaluation.descriptor import interpolate_shapes
@@ -45,15 +44,8 @@ Through = Callable[[np.ndarray], np.ndarray]
 def main(job: Job) -> None:
     """Draw everything into a folder beside the final one, then move it there."""
     torch.set_num_threads(max(1, job.threads))
-    final = Path(job.outputs[0])
-    work = final.with_name(f".{final.name}.{os.getpid()}.tmp")
-    work.mkdir(parents=True)
-    try:
-        draw(job, work)
-        shutil.rmtree(final, ignore_errors=True)
-        os.replace(work, final)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
+    with atomic_folder(job.outputs[0]) as folder:
+        draw(job, folder)
 
 
 def draw(job: Job, folder: Path) -> None:

@@ -8,15 +8,13 @@ several z, and the way from one type to another.
 from __future__ import annotations
 
 import json
-import os
-import shutil
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from body.model import Body
-from datasets.atomic import write_text
+from datasets.atomic import atomic_folder, write_text
 from datasets.layers import LayerExamples
 from datasets.splits import UNSEEN_BODIES_AND_MOTIONS
 from garments.body_layer import cast_layer, dressed_body
@@ -66,15 +64,8 @@ class LayerPainter:
 def main(job: Job) -> None:
     """Draw everything into a folder beside the final one, then move it there."""
     torch.set_num_threads(max(1, job.threads))
-    final = Path(job.outputs[0])
-    work = final.with_name(f".{final.name}.{os.getpid()}.tmp")
-    work.mkdir(parents=True)
-    try:
-        draw(job, work)
-        shutil.rmtree(final, ignore_errors=True)
-        os.replace(work, final)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
+    with atomic_folder(job.outputs[0]) as folder:
+        draw(job, folder)
 
 
 def draw(job: Job, folder: Path) -> None:

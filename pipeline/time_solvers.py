@@ -96,8 +96,7 @@ def network_rows(
         "body, linear blend skinning": lambda: body.posed(clip.pose, clip.root),
     }
     rows = [_row(name, template, frames, road) for name, road in roads.items()]
-    predicted = np.matmul(regressor.dress(track), np.swapaxes(track.pelvis_frames()[0][track.lead :], 1, 2))
-    predicted = (predicted + track.pelvis_frames()[1][track.lead :, None]).astype(np.float32)
+    predicted = track.in_world(regressor.dress(track))
     rows.append(
         _row("collision refinement", template, frames, lambda: refiner.refine_sequence(predicted, body_vertices))
     )

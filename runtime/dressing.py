@@ -85,7 +85,7 @@ def dress(clip: Clip, wearing: Wearing, refine: bool = True) -> Dressed:
     worn = clip if wearing.shape is None else on_body(clip, run.body, body)
     track = clip_track(worn, body, run.lead_in)
     other = None if wearing.shape is None else OtherBody(garment.template, run.body, body)
-    vertices = in_world(_canonical(track, wearing, other), track)
+    vertices = track.in_world(_canonical(track, wearing, other))
     body_vertices = body.posed(worn.pose, worn.root)
     refiner = garment.refiner(body)
     if refine:
@@ -142,12 +142,6 @@ def _canonical(track: MotionTrack, wearing: Wearing, other: OtherBody | None) ->
         shape = garment.run.shape if wearing.shape is None else wearing.shape
         vertices = garment.conditioned.dress_under(own, Conditions(wearing.parameters, shape))
     return vertices if other is None else vertices + other.change(track)
-
-
-def in_world(canonical: np.ndarray, track: MotionTrack) -> np.ndarray:
-    """World vertices [T, V, 3] float32 [m] of canonical ones along a track."""
-    rotation, position = (part[track.lead :].astype(np.float32) for part in track.pelvis_frames())
-    return np.matmul(canonical, np.swapaxes(rotation, 1, 2)) + position[:, None]
 
 
 def _animation(clip: Clip, wearing: Wearing, vertices: np.ndarray, body_vertices: np.ndarray, solver: str) -> Animation:
