@@ -105,8 +105,10 @@ def test_other_bodies_simulate_only_their_shards(smoke):
     planned = smoke.planned_outputs(CONFIG, mine)
     shards = {path for path in planned if path.startswith("shards/")}
     assert shards == {"shards/skirt/bodies_0000.h5", "shards/tshirt/bodies_0000.h5"}
-    # No model that knows one body reads them.
-    assert not [path for path in planned if path.startswith(("models/", "garments/", "motions/"))]
+    # Of the models, only the one that is told of the body reads them.
+    models = {path for path in planned if path.startswith("models/")}
+    assert models == {f"models/{garment}/garment_regressor/conditioned.pt" for garment in ("skirt", "tshirt")}
+    assert not [path for path in planned if path.startswith(("garments/", "motions/"))]
     assert "parts/simulation/skirt.csv" in planned
 
 
