@@ -144,14 +144,30 @@ def _canonical(track: MotionTrack, wearing: Wearing, other: OtherBody | None) ->
     return vertices if other is None else vertices + other.change(track)
 
 
-def _animation(clip: Clip, wearing: Wearing, vertices: np.ndarray, body_vertices: np.ndarray, solver: str) -> Animation:
+def dressed_animation(
+    name: str,
+    clip: Clip,
+    wearing: Wearing,
+    vertices: np.ndarray,
+    body_vertices: np.ndarray,
+    notes: Mapping[str, str | float],
+) -> Animation:
+    """The animation of a garment that was worn in a motion.
+
+    Args:
+        name: Of the animation.
+        clip: The motion that was made in it.
+        wearing: Garment and body.
+        vertices: Garment in the world [m], shape [T, V, 3].
+        body_vertices: Body in the world [m], shape [T, B, 3].
+        notes: What is to be told beside garment, label and body shape.
+    """
     garment, body = wearing.garment, wearing.body
-    notes: dict[str, str | float] = {"garment": garment.name, "label": clip.label, "solver": solver}
-    notes |= {f"parameter_{name}": float(value) for name, value in wearing.all_parameters.items()}
+    told: dict[str, str | float] = {"garment": garment.name, "label": clip.label, **notes}
     if wearing.shape is not None:
-        notes |= {f"shape_{number}": float(value) for number, value in enumerate(wearing.shape)}
+        told |= {f"shape_{number}": float(value) for number, value in enumerate(wearing.shape)}
     return dressed(
-        plain_name(f"{garment.name}_{clip.name}"),
+        name,
         garment.name,
         np.asarray(vertices, dtype=np.float32),
         garment.template.faces,
@@ -159,5 +175,12 @@ def _animation(clip: Clip, wearing: Wearing, vertices: np.ndarray, body_vertices
         body.faces,
         clip.fps,
         clip,
-        notes,
+        told,
     )
+
+
+def _animation(clip: Clip, wearing: Wearing, vertices: np.ndarray, body_vertices: np.ndarray, solver: str) -> Animation:
+    notes: dict[str, str | float] = {"solver": solver}
+    notes |= {f"parameter_{name}": float(value) for name, value in wearing.all_parameters.items()}
+    name = plain_name(f"{wearing.garment.name}_{clip.name}")
+    return dressed_animation(name, clip, wearing, vertices, body_vertices, notes)

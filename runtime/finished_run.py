@@ -21,9 +21,12 @@ from garments.template import GarmentTemplate
 from models.conditioned_regressor import ConditionedRegressor, load_conditioned_regressor
 from models.garment_fitting import load_regressor
 from models.garment_regressor import Regressor
+from models.intrinsic_fitting import load_motion_invariant
 from models.motion_fitting import load_motion_cvae
 from models.motion_generator import MotionGenerator
+from models.motion_invariant import MotionInvariantNetwork
 from models.refinement import RefinementSettings, Refiner
+from models.shape_descriptor import ShapeDescriptor, load_shape_descriptor
 from sim.fabrics import base_values
 from sim.parameters import base_parameters, sample_parameters
 
@@ -142,6 +145,35 @@ class LearnedGarment:
                 f"add the variant '{CONDITIONED}' to models.garment_regressor and run `snakemake all`"
             )
         return self._fitting(load_conditioned_regressor(self._model(CONDITIONED)))
+
+    @property
+    def descriptor_path(self) -> Path:
+        """Model file of the shape descriptor in use."""
+        used = self.run.config["models"]["shape_descriptor"]["use"]
+        return self.run._file("models", self.name, "shape_descriptor", f"{used}.pt")
+
+    @property
+    def codes_path(self) -> Path:
+        """All simulated frames as the descriptors that it made (``datasets.codes``)."""
+        return self.run._file("codes", f"{self.name}.h5")
+
+    @cached_property
+    def descriptor(self) -> ShapeDescriptor:
+        """The shape descriptor in use; ``ValueError`` where it is of another garment."""
+        return load_shape_descriptor(self.descriptor_path, self.template.faces)
+
+    @cached_property
+    def autoencoder(self) -> MotionInvariantNetwork:
+        """The motion-invariant autoencoder in use; ``ValueError`` where it was trained on another descriptor."""
+        used = self.run.config["models"]["motion_invariant"]["use"]
+        path = self.run._file("models", self.name, "motion_invariant", f"{used}.pt")
+        network, code = load_motion_invariant(path), self.descriptor.config.code
+        if len(network.descriptor_mean) != code:
+            raise ValueError(
+                f"{path} was trained on descriptors of {len(network.descriptor_mean)} numbers, that of '{self.name}' "
+                f"has {code}; run `snakemake all`"
+            )
+        return network
 
     @cached_property
     def base_parameters(self) -> dict[str, float]:

@@ -1,0 +1,343 @@
+"""Composing a garment animation from keyframes (Wang 2019, section 4, "Application: garment animation authoring").
+
+In: a garment's intrinsic space, a motion and keyframes. Out: single frames at once, and whole animations. Every
+keyframe becomes a latent z; z is interpolated, decoded along the motion, and refined, so that no vertex is inside the
+body (section 3.5). A keyframe that was given as a shape keeps its own detail there (``runtime.keyframes``).
+
+On another body than the run's own, shapes are brought to the own body and back (``models.other_bodies``).
+
+    space = IntrinsicSpace(FinishedRun.open("results/default").garment("skirt"))
+    composer = Composer(space, clip)
+    composer.add_parameters(0, material(space.garment, ["bend=8e-5"], True))
+    composer.add_candidate(59, seed=7)
+    composer.frame(30).vertices
+    composer.compose().animation
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from formats.animation import Animation, plain_name
+from models.motion_features import MotionTrack
+from models.other_bodies import OtherBody
+from motions.clip import Clip
+from motions.looping import exact_loop, rounds_before
+from runtime.dressing import Wearing, dressed_animation
+from runtime.intrinsic_space import IntrinsicSpace
+from runtime.keyframes import Interpolation, Keyframe
+from runtime.motion_making import clip_track, on_body
+
+HOLD = 0.2
+"""Seconds in which a given shape's own detail fades to 1/e."""
+
+BATCH = 32
+"""Frames that are decoded at once, between two reports of progress."""
+
+OnProgress = Callable[[int, int], None]
+"""Takes the frames that are done and those of the whole."""
+
+
+@dataclass(frozen=True)
+class ComposedFrame:
+    """One frame.
+
+    Attributes:
+        vertices: Garment in the world [m], shape [V, 3] float32.
+        body: Body in the world [m], shape [B, 3].
+        inside: Vertices that are inside the body before refinement, shape [V].
+    """
+
+    vertices: np.ndarray
+    body: np.ndarray
+    inside: np.ndarray
+
+
+@dataclass(frozen=True)
+class Composed:
+    """A whole composed animation.
+
+    Attributes:
+        animation: Garment and body.
+        inside: Share of the garment's vertices inside the body before refinement [1].
+        inside_after: Vertices inside at the end; 0 after refinement.
+        largest_step: Largest way of a vertex from a frame to the next, in the frame of the pelvis [m].
+    """
+
+    animation: Animation
+    inside: float
+    inside_after: int
+    largest_step: float
+
+
+class Composer:
+    """A motion, a garment and its keyframes. Without keyframes, the garment is of the base material.
+
+    Args:
+        space: The garment's intrinsic space.
+        clip: Motion of the run's own body, at the run's frame rate.
+        shape: Shape coefficients of the body [standard deviations]; the run's own where None.
+        hold: Seconds in which the detail of a given shape fades; 0 for the paper's interpolation, without any.
+        loop: Whether the clip is a loop, whose last frame is its first; the garment is then one too.
+
+    Raises:
+        ValueError: The motion has another frame rate than the run.
+    """
+
+    def __init__(
+        self,
+        space: IntrinsicSpace,
+        clip: Clip,
+        shape: np.ndarray | None = None,
+        hold: float = HOLD,
+        loop: bool = False,
+    ) -> None:
+        run = space.garment.run
+        if clip.fps != run.fps:
+            raise ValueError(f"motion '{clip.name}' has {clip.fps:g} frames a second, {run.folder} has {run.fps:g}")
+        if not 0.0 <= hold < 1e6:
+            raise ValueError(f"hold: {hold:g} s, allowed are 0 and more")
+        self.space, self.hold, self.loop = space, hold, loop
+        self.given_clip, self.shape = clip, shape
+        self.wearing = Wearing(space.garment, None, shape)
+        self.body = self.wearing.body
+        worn = clip if shape is None else on_body(clip, run.body, self.body)
+        self.clip = exact_loop(worn) if loop else worn
+        self._refiner = space.garment.refiner(self.body)
+        self._keyframes: dict[int, Keyframe] = {}
+        self._interpolation: Interpolation | None = None
+
+    @property
+    def frames(self) -> int:
+        """Number of frames T."""
+        return self.clip.frames
+
+    @property
+    def keyframes(self) -> tuple[Keyframe, ...]:
+        """In the order of their frames."""
+        return tuple(self._keyframes[frame] for frame in sorted(self._keyframes))
+
+    def add(self, keyframe: Keyframe) -> Keyframe:
+        """Set a keyframe; it takes the place of one at the same frame.
+
+        Raises:
+            ValueError: Its frame is outside of the motion, its latent or its detail is of another garment.
+        """
+        frame = self._checked(keyframe.frame)
+        latent = np.asarray(keyframe.latent, dtype=np.float32)
+        if latent.shape != (self.space.network.config.latent,) or not np.isfinite(latent).all():
+            raise ValueError(
+                f"keyframe at {keyframe.frame}: a latent must be {self.space.network.config.latent} finite numbers, "
+                f"got shape {list(latent.shape)}"
+            )
+        shape = (len(self.space.garment.template.vertices), 3)
+        if keyframe.detail is not None and keyframe.detail.shape != shape:
+            raise ValueError(f"keyframe at {keyframe.frame}: detail must be of shape {list(shape)}")
+        self._keyframes[frame] = Keyframe(frame, latent, keyframe.detail, keyframe.origin)
+        self._interpolation = None
+        return self._keyframes[frame]
+
+    def add_parameters(self, frame: int, parameters: Mapping[str, float] | None = None, origin: str = "") -> Keyframe:
+        """A keyframe of intrinsic parameters (all of them; the base material's where None)."""
+        self._checked(frame)
+        return self.add(Keyframe(frame, self.space.of_parameters(parameters), None, origin or "parameters"))
+
+    def add_candidate(self, frame: int, seed: int) -> Keyframe:
+        """A keyframe drawn from the latent space."""
+        self._checked(frame)
+        return self.add(Keyframe(frame, self.space.candidate(seed), None, f"candidate {seed}"))
+
+    def add_shape(self, frame: int, vertices: np.ndarray, canonical: bool = False, origin: str = "") -> Keyframe:
+        """A keyframe of a given garment shape.
+
+        Args:
+            frame: Its number.
+            vertices: Garment on the body's pose of that frame [m], shape [V, 3].
+            canonical: Whether they are in the frame of the pelvis and not in the world.
+            origin: Where they come from, in words.
+        """
+        number = self._checked(frame)
+        count = len(self.space.garment.template.vertices)
+        if np.shape(vertices) != (count, 3):
+            raise ValueError(
+                f"keyframe at {frame}: has {len(vertices)} vertices, '{self.space.garment.name}' has {count}"
+            )
+        given = np.asarray(vertices, dtype=np.float64)
+        if not canonical:
+            rotation, position = (part[number] for part in self._pelvis)
+            given = (given - position) @ rotation
+        own = (given - self._change[number]).astype(np.float32)[None]
+        signature = self._signatures[number : number + 1]
+        latent = self.space.encode(own, signature)
+        detail = own[0] - self.space.decode(latent, signature)[0]
+        return self.add(Keyframe(frame, latent, detail, origin or "shape"))
+
+    def move(self, frame: int, to: int) -> Keyframe:
+        """Take a keyframe to another frame; one that stands there is replaced.
+
+        Raises:
+            ValueError: There is none, or the new frame is outside of the motion.
+        """
+        keyframe = self._existing(frame)
+        target = self._checked(to)
+        del self._keyframes[keyframe.frame]
+        return self.add(keyframe.at(target))
+
+    def delete(self, frame: int) -> None:
+        """Take a keyframe away; ``ValueError`` where there is none."""
+        del self._keyframes[self._existing(frame).frame]
+        self._interpolation = None
+
+    def with_motion(self, clip: Clip, loop: bool = False) -> Composer:
+        """The same keyframes on another motion, at the same share of its length; details stay behind."""
+        other = Composer(self.space, clip, self.shape, self.hold, loop)
+        scale = (other.frames - 1) / (self.frames - 1)
+        for keyframe in self.keyframes:
+            other.add(Keyframe(round(keyframe.frame * scale), keyframe.latent, None, keyframe.origin))
+        return other
+
+    def latents(self, frames: np.ndarray | None = None) -> np.ndarray:
+        """z [n, Z] of the frames, all where None."""
+        asked = np.arange(self.frames) if frames is None else np.asarray(frames)
+        return self._between.latents(asked)
+
+    def frame(self, number: int, refine: bool = True) -> ComposedFrame:
+        """One frame, at once.
+
+        Raises:
+            ValueError: It is outside of the motion.
+        """
+        number = self._checked(number, wrap=False)
+        vertices = self._world(self._canonical(np.array([number])), np.array([number]))[0]
+        under = self._bodies[number]
+        posed = self._refiner.body.at(under)
+        hits = self._refiner.near(vertices, posed)
+        if refine:
+            vertices = self._refiner.refine_hits(vertices, posed, hits)[0].astype(np.float32)
+        return ComposedFrame(vertices, under, hits.distance < 0.0)
+
+    def compose(self, refine: bool = True, progress: OnProgress | None = None) -> Composed:
+        """The whole animation.
+
+        Args:
+            refine: Whether the garment is taken out of the body.
+            progress: Called after every batch of frames.
+        """
+        frames = self.frames
+        made = np.empty((frames, len(self.space.garment.template.vertices), 3), dtype=np.float32)
+        inside = left = 0
+        different = frames - 1 if self.loop else frames
+        for start in range(0, different, BATCH):
+            numbers = np.arange(start, min(start + BATCH, different))
+            world = self._world(self._canonical(numbers), numbers)
+            for number, vertices in zip(numbers, world, strict=True):
+                posed = self._refiner.body.at(self._bodies[number])
+                hits = self._refiner.near(vertices, posed)
+                count = int((hits.distance < 0.0).sum())
+                inside += count
+                if refine:
+                    vertices, stats = self._refiner.refine_hits(vertices, posed, hits)
+                    left += stats.inside_after
+                else:
+                    left += count
+                made[number] = vertices
+            if progress is not None:
+                progress(min(start + BATCH, different), different)
+        if self.loop:
+            made[-1] = self._carried(made[0])
+        notes: dict[str, str | float] = {"solver": "composed", "keyframes": self._listed(), "loop": str(self.loop)}
+        name = plain_name(f"{self.space.garment.name}_{self.clip.name}")
+        animation = dressed_animation(name, self.clip, self.wearing, made, self._bodies, notes)
+        return Composed(animation, inside / (different * made.shape[1]), left, self._largest_step(made))
+
+    def _canonical(self, numbers: np.ndarray) -> np.ndarray:
+        """Canonical garments [n, V, 3] of some frames, before refinement."""
+        shapes = self.space.decode(self.latents(numbers), self._signatures[numbers])
+        for row, number in enumerate(numbers):
+            detail = self._between.detail(int(number))
+            if detail is not None:
+                shapes[row] += detail
+        return shapes + self._change[numbers]
+
+    def _world(self, canonical: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        rotation, position = (part[numbers] for part in self._pelvis)
+        return (np.matmul(canonical, np.swapaxes(rotation, 1, 2)) + position[:, None]).astype(np.float32)
+
+    def _carried(self, first: np.ndarray) -> np.ndarray:
+        """The garment of the first frame where the loop has taken the body to."""
+        (rotation, position), clip = self._pelvis, self.clip
+        if np.array_equal(clip.pose[0], clip.pose[-1]) and np.array_equal(clip.root[0], clip.root[-1]):
+            return first
+        return ((first - position[0]) @ rotation[0] @ rotation[-1].T + position[-1]).astype(np.float32)
+
+    def _largest_step(self, world: np.ndarray) -> float:
+        rotation, position = self._pelvis
+        canonical = np.matmul(world - position[:, None], rotation)
+        return float(np.linalg.norm(np.diff(canonical, axis=0), axis=2).max())
+
+    def _listed(self) -> str:
+        return "; ".join(f"{k.frame}: {k.origin}" for k in self.keyframes) or "none: base material"
+
+    def _checked(self, frame: int, wrap: bool = True) -> int:
+        """A frame number as it counts: the last of a loop is its first."""
+        if isinstance(frame, bool) or int(frame) != frame or not 0 <= frame < self.frames:
+            raise ValueError(f"frame {frame}: the motion '{self.clip.name}' has the frames 0 to {self.frames - 1}")
+        return int(frame) % (self.frames - 1) if self.loop and wrap else int(frame)
+
+    def _existing(self, frame: int) -> Keyframe:
+        number = self._checked(frame)
+        if number not in self._keyframes:
+            known = ", ".join(str(k.frame) for k in self.keyframes) or "none"
+            raise ValueError(f"frame {frame}: there is no keyframe; there are: {known}")
+        return self._keyframes[number]
+
+    @property
+    def _between(self) -> Interpolation:
+        if self._interpolation is None:
+            keyframes = self.keyframes or (Keyframe(0, self.space.of_parameters(), None, "base material"),)
+            period = self.frames - 1 if self.loop else None
+            self._interpolation = Interpolation(keyframes, self.hold * self.clip.fps, period)
+        return self._interpolation
+
+    @cached_property
+    def _track(self) -> MotionTrack:
+        run = self.space.garment.run
+        if not self.loop:
+            return clip_track(self.clip, self.body, run.lead_in)
+        # A loop has no beginning: what came before is what comes after.
+        lead = rounds_before(self.clip, self.space.network.config.window + 2, self.body)
+        return MotionTrack.from_motion(self.body, self.clip.pose, self.clip.root, *lead, self.clip.fps)
+
+    @cached_property
+    def _other(self) -> OtherBody | None:
+        garment = self.space.garment
+        return None if self.shape is None else OtherBody(garment.template, garment.run.body, self.body)
+
+    @cached_property
+    def _signatures(self) -> np.ndarray:
+        own = self._track if self._other is None else self._other.own_track(self._track)
+        rows = self.space.signatures(own)
+        if self.loop:
+            rows[-1] = rows[0]
+        return rows
+
+    @cached_property
+    def _change(self) -> np.ndarray:
+        """From the own body's canonical garments to those of the body that wears them, [T, V or 1, 3] [m]."""
+        if self._other is None:
+            return np.zeros((self.frames, 1, 3), dtype=np.float32)
+        return self._other.change(self._track)
+
+    @cached_property
+    def _pelvis(self) -> tuple[np.ndarray, np.ndarray]:
+        lead = self._track.lead
+        rotation, position = self._track.pelvis_frames()
+        return rotation[lead:].astype(np.float32), position[lead:].astype(np.float32)
+
+    @cached_property
+    def _bodies(self) -> np.ndarray:
+        return self.body.posed(self.clip.pose, self.clip.root).astype(np.float32)
