@@ -15,7 +15,7 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from body.model import Body
 from body.skeleton import JOINT_COUNT, JOINT_INDEX, PARENTS
@@ -23,6 +23,7 @@ from geometry.rotations import matrix_to_axis_angle
 from motions.bvh import BvhMotion
 from motions.clip import validate_motion
 from motions.quality import sole_points
+from motions.resample import resampled
 from motions.timing import rotation_about
 
 MAX_FPS = 480.0
@@ -90,7 +91,7 @@ def retarget(motion: BvhMotion, body: Body, fps: float, face_forward: bool = Fal
     scale = _leg_length_of(body) / _leg_length_in(motion, rig.source)
     pelvis = scale * position[:, rig.source[0]] @ rig.world.T
     pose = _smpl_pose(rotation, rig)
-    pose, pelvis = _resample(pose, pelvis, motion.fps, fps)
+    pose, pelvis = resampled(pose, pelvis, motion.fps, fps)
     if face_forward:
         pose, pelvis = turn_to_front(pose, pelvis)
     root = pelvis - body.joints[0]
@@ -149,19 +150,6 @@ def _along_chain(chain: list[np.ndarray], index: int) -> np.ndarray:
         return chain[below]
     start, end = Rotation.from_matrix(chain[below]), Rotation.from_matrix(chain[below + 1])
     return (start * Rotation.from_rotvec((place - below) * (start.inv() * end).as_rotvec())).as_matrix()
-
-
-def _resample(pose: np.ndarray, path: np.ndarray, fps: float, wanted: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pose [T, 24, 3] and path [T, 3] at another rate; the last frame is kept when the rates divide."""
-    if len(pose) < 2:
-        raise ValueError("the recording has a single frame; at least 2 are needed")
-    times = np.arange(len(pose)) / fps
-    query = np.arange(int(times[-1] * wanted + 1e-3) + 1) / wanted
-    if len(query) < 2:
-        raise ValueError(f"the recording lasts {times[-1]:.3f} s, too short for two frames at {wanted} frames a second")
-    query = np.minimum(query, times[-1])
-    joints = [Slerp(times, Rotation.from_rotvec(pose[:, joint]))(query).as_rotvec() for joint in range(JOINT_COUNT)]
-    return np.stack(joints, axis=1), np.stack([np.interp(query, times, path[:, axis]) for axis in range(3)], axis=-1)
 
 
 def _leg_length_of(body: Body) -> float:
