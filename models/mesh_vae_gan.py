@@ -10,12 +10,13 @@ Kinds of one code:
 - ``paper``: the published network.
 - ``coma``: its predecessor, a mesh autoencoder without condition, shortcuts, discriminator, normals and latent noise
   (Ranjan 2018). The paper calls it CoMA-1 without down-sampling and CoMA-4 with a fourfold one at each layer.
-- ``anchored``: ours. What pose and type alone say of the layer is a ridge regression, and the principal components of
-  what that leaves over *on clips and bodies it was not fitted to* are the first meaning of z. The networks start from
-  there with a last layer of zeros and learn what is not linear. z then has unit variance from the first step on, so
-  that a random z is a likely one.
+- ``anchored``: ours. What pose and type alone say of the layer is a ridge regression, and each type's principal
+  components of what that leaves over *on clips it was not fitted to* are the first meaning of z: a type of clothing
+  wrinkles in its own way and needs no component for another's sleeves. The types' components are turned onto each
+  other, so that one z means much the same for all of them. The networks start from there with a last layer of zeros
+  and learn what is not linear. z has unit variance from the first step on, so that a random z is a likely one.
 
-A Active vertices (those that any type covers), B body vertices, N frames, L length of z.
+A Active vertices (those that any type covers), B body vertices, N frames, L length of z, K types.
 """
 
 from __future__ import annotations
@@ -139,8 +140,8 @@ class MeshVaeGan(nn.Module):
             inputs = len(config.types) * (features + 1)
             self.register_buffer("regression", torch.zeros(inputs, config.components))
             self.register_buffer("directions", torch.zeros(config.components, count * 3))
-            self.register_buffer("components", torch.zeros(config.latent, count * 3))
-            self.register_buffer("deviations", torch.ones(config.latent))
+            self.register_buffer("bases", torch.zeros(len(config.types), config.latent, count * 3))
+            self.register_buffer("inverses", torch.zeros(len(config.types), config.latent, config.latent))
 
     def posed_features(self, pose: np.ndarray) -> Tensor:
         """Standardised features [N, P] of poses [N, 24, 3] [rad]."""
@@ -170,7 +171,7 @@ class MeshVaeGan(nn.Module):
             return self.encoder(features)
         rest = _flat(features) - self._regressed(pose, types)
         mean, spread = self.encoder(_unflat(rest, features))
-        return rest @ self.components.T / self.deviations + mean, spread
+        return self._linear_code(rest, types) + mean, spread
 
     def decode(self, z: Tensor, pose: Tensor, types: Tensor) -> Tensor:
         """Features [A, N, 3] in network units of codes z [N, L], standardised pose [N, P] and type weights."""
@@ -180,7 +181,8 @@ class MeshVaeGan(nn.Module):
         learned = self.generator(code)
         if self.config.kind != "anchored":
             return learned
-        linear = self._regressed(pose, types) + (z * self.deviations) @ self.components
+        own = (types[:, :, None] * z[:, None, :]).flatten(1)  # z in the rows of the frame's type, between two in both
+        linear = self._regressed(pose, types) + own @ self.bases.flatten(0, 1)
         return _unflat(linear, learned) + learned
 
     def verdict(self, features: Tensor, pose: Tensor, types: Tensor) -> Tensor:
@@ -192,6 +194,11 @@ class MeshVaeGan(nn.Module):
         """Unit face normals [F, N, 3] of the clothed mesh in the unposed space."""
         worn = features * self.scale + (self.mean + self.rest)[:, None]
         return unit_face_normals(worn, self.faces)
+
+    def _linear_code(self, rest: Tensor, types: Tensor) -> Tensor:
+        """z [N, L] whose combination of its type's basis is nearest to what the regression leaves over, [N, 3 A]."""
+        along = (rest @ self.bases.flatten(0, 1).T).unflatten(1, self.bases.shape[:2])
+        return torch.einsum("nk,nkl,klm->nm", types, along, self.inverses)
 
     def _regressed(self, pose: Tensor, types: Tensor) -> Tensor:
         return (regression_inputs(pose, types) @ self.regression) @ self.directions

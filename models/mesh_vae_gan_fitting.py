@@ -45,6 +45,8 @@ FOLDS = 4
 """Parts that the training clips are divided into: what a regression on the others leaves over of each is kept."""
 RIDGES = (3.0e-3, 3.0e-2, 0.3, 3.0)
 """Penalties that are tried, a share of the features' own variance."""
+SAMPLED = 16
+"""Every so many coordinates are looked at to choose one of them."""
 
 
 def fit_mesh_vae_gan(
@@ -182,7 +184,7 @@ def _set_scaling(module: MeshVaeGan, data: Tensor, examples: LayerExamples) -> N
 
 
 def _anchor(module: MeshVaeGan, data: Tensor, pose: Tensor, types: Tensor, clips: np.ndarray, seed: int) -> None:
-    """Set the regression of ``anchored`` and the components of what it leaves over on clips it was not fitted to."""
+    """Set the regression of ``anchored`` and the bases of what it leaves over on clips it was not fitted to."""
     flat = ((data - module.mean) / module.scale).flatten(1).numpy()
     inputs = regression_inputs(pose, types).numpy().astype(np.float64)
     names = sorted(set(clips.tolist()))
@@ -208,8 +210,9 @@ def _anchor(module: MeshVaeGan, data: Tensor, pose: Tensor, types: Tensor, clips
             rest[rows] = flat[rows][:, columns] - inputs[rows].astype(np.float32) @ solved.astype(np.float32)
         return rest
 
-    every = slice(None, None, 16)  # a sample of the coordinates tells which penalty is best
-    ridge = min(RIDGES, key=lambda one: float(np.square(left_over(one, every)).mean()))
+    kind = types.argmax(1).numpy()
+    every = slice(None, None, SAMPLED)  # a sample of the coordinates tells which penalty is best
+    ridge = min(RIDGES, key=lambda one: _unexplained(left_over(one, every), kind, fold, module.config.latent))
     solved = np.linalg.solve(gram + np.diag(ridge * len(flat) * penalised), product)
     # The best low rank of the predictions, not of the weights: directions that the data never take cost nothing.
     root = np.linalg.cholesky(gram / len(flat) + 1e-6 * np.eye(len(gram))).T
@@ -219,9 +222,40 @@ def _anchor(module: MeshVaeGan, data: Tensor, pose: Tensor, types: Tensor, clips
     vectors = vectors[:, ::-1][:, :rank]
     module.regression[:, :rank] = torch.as_tensor(np.linalg.solve(root, vectors), dtype=torch.float32)
     module.directions[:rank] = torch.as_tensor(vectors.T @ weighted, dtype=torch.float32)
-    pca = fit_pca(left_over(ridge, slice(None)), module.config.latent, seed)
-    module.components.copy_(torch.as_tensor(pca.components))
-    module.deviations.copy_(torch.as_tensor(np.maximum(pca.deviations, 1e-4)))
+    _set_bases(module, left_over(ridge, slice(None)), kind, seed)
+
+
+def _unexplained(rest: np.ndarray, kind: np.ndarray, fold: np.ndarray, length: int) -> float:
+    """Sum of squares of what neither the regression nor components of the other clips say of each fold's clips."""
+    total = 0.0
+    for k in range(FOLDS):
+        for one in np.unique(kind):
+            own, others = rest[(fold == k) & (kind == one)], rest[(fold != k) & (kind == one)]
+            if len(own) and len(others):
+                _, vectors = np.linalg.eigh(others.T @ others)
+                own = own - own @ vectors[:, -length:] @ vectors[:, -length:].T
+            total += float(np.square(own).sum())
+    return total
+
+
+def _set_bases(module: MeshVaeGan, rest: np.ndarray, kind: np.ndarray, seed: int) -> None:
+    """Each type's components of what the regression leaves over, [N, 3 A], times their deviations.
+
+    Any turn of z leaves it standard normal, so each basis is turned as near as can be to the first one (Procrustes).
+    """
+    latent, shared, first = module.config.latent, None, None
+    for number in range(len(module.config.types)):
+        own = rest[kind == number]
+        if len(own) > latent:
+            pca = fit_pca(own, latent, seed)
+        else:  # too few frames have that many components; those of all types stand in
+            pca = shared = shared or fit_pca(rest, latent, seed)
+        basis = np.maximum(pca.deviations, 1e-4)[:, None] * pca.components
+        first = basis if first is None else first
+        left, _, right = np.linalg.svd(first @ basis.T)
+        basis = (left @ right) @ basis
+        module.bases[number] = torch.as_tensor(basis)
+        module.inverses[number] = torch.as_tensor(np.linalg.inv(basis @ basis.T))
 
 
 def _distance(a: Tensor, b: Tensor) -> Tensor:
