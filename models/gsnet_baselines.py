@@ -154,7 +154,7 @@ class DeepPSD(_PoseSpace):
         return (code @ encoding.deformations).unflatten(2, (-1, 3))
 
 
-class _PerGarment(_PoseSpace):
+class PerGarment(_PoseSpace):
     """What the networks of single garments share: a part of the module for each, by its name."""
 
     def knows(self, garment: str) -> bool:
@@ -180,7 +180,7 @@ class _PerGarment(_PoseSpace):
         return SkinnedEncoding(graph.rest, graph.weights[None], None, graph.name)
 
 
-class PhysicsPSD(_PerGarment):
+class PhysicsPSD(PerGarment):
     """Deformations of each garment for a code of the pose, to be taught by energies (after PBNS, Bertiche 2021a)."""
 
     kind = "pbns"
@@ -206,7 +206,7 @@ class PhysicsPSD(_PerGarment):
         return DEFORMATION * part["matrix"](code).unflatten(2, (-1, 3))
 
 
-class FrequencySplit(_PerGarment):
+class FrequencySplit(PerGarment):
     """Smooth deformations and a mixture of detailed ones (after TailorNet, Patel 2020)."""
 
     kind = "tailornet"

@@ -9,23 +9,23 @@ and adds gravity (PBNS).
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from body.model import Body
-from geometry.topology import face_areas, vertex_normals
+from geometry.topology import face_areas
 from models.checkpoint import load_model, save_model
-from models.garment_animator import STILL, Animator, Motion, Worn, skinned
+from models.garment_animator import STILL, Animator, Worn, skinned
 from models.garment_graph import GarmentGraph
 from models.gsnet import GSNet, GSNetConfig, PublishedGSNet
-from models.gsnet_baselines import BASELINES, BaselineConfig
+from models.gsnet_baselines import BASELINES, BaselineConfig, PerGarment
+from models.gsnet_examples import TrainingData, WardrobeExample
 from models.gsnet_losses import (
     bend_loss,
     collision_loss,
@@ -34,37 +34,12 @@ from models.gsnet_losses import (
     edge_loss,
     gravity_loss,
 )
-from models.motion_features import MotionTrack
 from models.training import Progress, TrainingLog, TrainingSettings, array_digest, prepare, train
 
 KIND = "wardrobe_animator"
 NETWORKS: dict[str, type[Animator]] = {GSNet.kind: GSNet, PublishedGSNet.kind: PublishedGSNet} | BASELINES
 CENTIMETRE = 1.0e-2
 """Squared lengths are minimised in cm^2, distances in cm: of the size that gradients are clipped at."""
-
-
-@dataclass(frozen=True)
-class WardrobeExample:
-    """A motion and a garment simulated on it.
-
-    Attributes:
-        graph: The garment.
-        material: What it is made of, as ``material_row`` gives it, shape [P].
-        track: The motion with its lead-in.
-        vertices: Canonical garment vertices [m] of the wanted frames, shape [T, N, 3] float32.
-    """
-
-    graph: GarmentGraph
-    material: np.ndarray
-    track: MotionTrack
-    vertices: np.ndarray
-
-    def __post_init__(self) -> None:
-        wanted = (self.track.frames, len(self.graph.vertices), 3)
-        if self.vertices.shape != wanted:
-            raise ValueError(
-                f"garment {self.graph.name}: expected vertices {list(wanted)}, got {list(self.vertices.shape)}"
-            )
 
 
 @dataclass(frozen=True)
@@ -81,6 +56,7 @@ class AnimatorTraining:
         physics_frames: Frames of a step, at most, that edge, bend and collision losses are computed on; 0 = none.
         edge_weight, bend_weight, collision_weight: Of the losses, in terms of squared distances [m^2].
         bend_length: Length that stands for a normal's change of 1 in the bend loss [m].
+        mirror: Whether half of what is learned from is in the mirror; not for networks of single garments.
         margin: epsilon of the collision loss, and distance that the physical regressor aims at [m].
         gravity: [m/s^2], and density [kg/m^2], stiffness [N/m] of "energies".
     """
@@ -96,6 +72,7 @@ class AnimatorTraining:
     bend_weight: float = 1.0
     bend_length: float = 2.0e-3
     collision_weight: float = 1.0
+    mirror: bool = False
     margin: float = 4.0e-3
     gravity: float = 9.81
     density: float = 0.15
@@ -134,14 +111,19 @@ def fit_animator(
     if len({(e.track.frames, e.track.lead) for e in examples}) != 1:
         raise ValueError(f"{animator.kind}: needs training sequences of one length, got {len(examples)} of several")
     prepare(settings.training)
-    data = _Data(examples, body, settings)
-    animator.set_scaling(data.graphs, np.stack([e.material for e in examples]), data.motion.features)
+    if settings.mirror and isinstance(animator, PerGarment):
+        raise ValueError(f"{animator.kind}: it knows a vertex by its number, so mirror must be false")
+    data = TrainingData(examples, body, settings.contact_frames, settings.mirror)
+    data.scale(animator)
     if not any(p.requires_grad for p in animator.parameters()):
         return TrainingLog()
 
+    def batches(epoch: int, generator: np.random.Generator):
+        return data.batches(settings.batch, settings.garments_a_step, generator)
+
     def loss(groups: list[np.ndarray]) -> dict[str, Tensor]:
         worn = [data.worn(animator, rows) for rows in groups]
-        frames = data.some_frames()
+        frames = data.some_frames(settings.frames, -(-settings.frames // 4) if settings.physics_frames else 0)
         terms: dict[str, list[Tensor]] = {}
         for w, rows, said in zip(worn, groups, animator.rehearse(worn, frames), strict=True):
             for name, value in _terms(animator, w, said, data, rows, settings).items():
@@ -157,7 +139,7 @@ def fit_animator(
     digest = array_digest(*(e.vertices for e in examples), *(e.track.pose for e in examples))
     return train(
         animator,
-        data.batches,
+        batches,
         loss,
         settings.training,
         work_dir,
@@ -167,72 +149,7 @@ def fit_animator(
     )
 
 
-class _Data:
-    """Training data as tensors: each motion once, however many garments are worn on it."""
-
-    def __init__(self, examples: Sequence[WardrobeExample], body: Body, settings: AnimatorTraining) -> None:
-        self.settings, self.body, self.examples = settings, body, examples
-        keys = [array_digest(e.track.pose, e.track.joints) for e in examples]
-        number = {key: i for i, key in enumerate(dict.fromkeys(keys))}
-        self.clip = np.array([number[key] for key in keys])
-        tracks = {number[key]: e.track for key, e in zip(keys, examples, strict=True)}
-        self.tracks = [tracks[i] for i in range(len(tracks))]
-        self.motion = Motion.of(self.tracks, body)
-        frames = self.motion.frames
-        self.contact = np.unique((2 * np.arange(settings.contact_frames) + 1) * frames // (2 * settings.contact_frames))
-        self._surfaces: dict[int, list[tuple[np.ndarray, np.ndarray, cKDTree]]] = {}
-        members: dict[int, list[int]] = {}
-        for i, e in enumerate(examples):
-            members.setdefault(id(e.graph), []).append(i)
-        self.members = [np.array(m) for m in members.values()]
-        self.graphs = [examples[m[0]].graph for m in self.members]
-
-    def batches(self, epoch: int, generator: np.random.Generator) -> Iterator[list[np.ndarray]]:
-        """Numbers of the examples of each garment in a step; every example once an epoch."""
-        groups = []
-        for members in self.members:
-            parts = -(-len(members) // self.settings.batch)
-            groups += np.array_split(generator.permutation(members), parts)
-        order = generator.permutation(len(groups))
-        for start in range(0, len(order), self.settings.garments_a_step):
-            yield [groups[k] for k in order[start : start + self.settings.garments_a_step]]
-
-    def worn(self, animator: Animator, rows: np.ndarray) -> Worn:
-        """Some examples of one garment, as tensors."""
-        some = [self.examples[i] for i in rows]
-        rows_of = np.stack([e.material for e in some])
-        # Sequences of one material share their encoding.
-        materials = torch.as_tensor(rows_of[:1] if (rows_of == rows_of[0]).all() else rows_of)
-        truth = torch.as_tensor(np.stack([e.vertices for e in some]))
-        motion = self.motion.take(torch.as_tensor(self.clip[rows]))
-        return Worn(some[0].graph, animator.encode(some[0].graph, materials), motion, truth)
-
-    def some_frames(self) -> Tensor:
-        """Wanted frames of a step, at random; at some of them the body is known."""
-        count = min(self.settings.frames, self.motion.frames)
-        share = -(-count // 4) if self.settings.physics_frames else 0
-        known = torch.as_tensor(self.contact)[torch.randperm(len(self.contact))[:share]]
-        others = torch.randperm(self.motion.frames)[: count - len(known)]
-        return torch.cat([known, others]).unique()
-
-    def nearest(self, clip: int, contact: int, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Nearest body vertices to ``vertices [N, 3]`` at a contact frame of a clip, and their normals, [N, 3] each."""
-        if clip not in self._surfaces:
-            self._surfaces[clip] = body_surfaces(self.tracks[clip], self.body, self.contact)
-        points, normals, tree = self._surfaces[clip][contact]
-        index = tree.query(vertices)[1]
-        return points[index], normals[index]
-
-
-def body_surfaces(track: MotionTrack, body: Body, frames: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, cKDTree]]:
-    """Canonical body vertices [m] and normals, [B, 3] each, with a search tree, at wanted frames of a track."""
-    rotation, position = (x[track.lead :][frames] for x in track.pelvis_frames())
-    world = body.posed(track.pose[track.lead :][frames], position - body.joints[0])
-    points = np.matmul(world - position[:, None], rotation).astype(np.float32)
-    return [(p, n, cKDTree(p)) for p, n in zip(points, vertex_normals(points, body.faces), strict=True)]
-
-
-def _terms(animator: Animator, worn: Worn, said, data: _Data, rows: np.ndarray, s: AnimatorTraining):
+def _terms(animator: Animator, worn: Worn, said, data: TrainingData, rows: np.ndarray, s: AnimatorTraining):
     """Losses of one garment of a step, squared lengths in cm^2."""
     graph, unit = worn.graph, CENTIMETRE**2
     terms = {name: value / unit for name, value in said.terms.items()}
@@ -252,7 +169,7 @@ def _terms(animator: Animator, worn: Worn, said, data: _Data, rows: np.ndarray, 
     sequence, frame, contact = (torch.tensor(x) for x in zip(*chosen, strict=True))
     vertices = said.vertices[sequence, frame]
     found = [
-        data.nearest(data.clip[rows[b]], c, v)
+        data.nearest(graph, data.clip[rows[b]], c, v)
         for b, c, v in zip(sequence.tolist(), contact.tolist(), vertices.detach().numpy(), strict=True)
     ]
     points, normals = (torch.as_tensor(np.stack(x)) for x in zip(*found, strict=True))

@@ -12,7 +12,7 @@ from datasets.sequences import Sequence
 from geometry.rotations import axis_angle_to_matrix
 from models.garment_animator import Animator
 from models.garment_graph import GarmentGraph, material_row
-from models.gsnet_fitting import WardrobeExample
+from models.gsnet_examples import WardrobeExample
 from models.motion_features import sequence_track
 from pipeline.wardrobe_data import WardrobeGarment
 

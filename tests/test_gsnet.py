@@ -18,10 +18,10 @@ from geometry.topology import vertex_normals
 from models.garment_animator import Animator, Motion
 from models.garment_graph import GarmentGraph, material_row, normalized_laplacian, propagate
 from models.gsnet_baselines import smoothed
+from models.gsnet_examples import REFLECTION, TrainingData, WardrobeExample, mirrored_graph, mirrored_track
 from models.gsnet_fitting import (
     NETWORKS,
     AnimatorTraining,
-    WardrobeExample,
     build_animator,
     fit_animator,
     load_animator,
@@ -281,6 +281,39 @@ def test_the_past_is_learned_only_by_the_network_that_is_told_it(body, tmp_path)
         log = fit_animator(made, examples[:8], body, settings, tmp_path / str(state), validation=examples[8:])
         error[state] = log.last("train")["error_mm"]
     assert error[True] < 0.8 * error[False]
+
+
+def test_a_garment_in_the_mirror_is_a_garment(body):
+    graph, motion = GarmentGraph.of(tube(body, 9, 5), body), track(body, 3)
+    graph.skin_weight[:, 1] += 0.1 * graph.skin_weight[:, 2]  # held more by the left thigh than by the right one
+    graph.skin_weight[:] /= graph.skin_weight.sum(1, keepdims=True)
+    mirrored, other = mirrored_graph(graph), mirrored_track(motion)
+    assert np.allclose(mirrored.place[:, 3:6], vertex_normals(mirrored.vertices, mirrored.topology.faces), atol=1e-5)
+    assert np.array_equal(mirrored.topology.edges, graph.topology.edges)
+    skinning = network("skinning", body)
+    worn, seen = (skinning.dress(g, COTTON, m, body) for g, m in ((graph, motion), (mirrored, other)))
+    assert np.allclose(seen, worn * REFLECTION, atol=2e-4)  # the body is its own mirror image but for rounding
+    assert np.abs(seen - skinning.dress(graph, COTTON, other, body) * REFLECTION).max() > 1e-3
+
+    one = WardrobeExample(graph, COTTON, motion, worn)
+    data = TrainingData([one], body, 2, mirror=True)
+    torch.manual_seed(0)
+    drawn = [data.worn(skinning, np.array([0])) for _ in range(12)]
+    assert 2 < sum(w.graph is graph for w in drawn) < 10
+    for w in drawn:
+        assert np.allclose(skinning.unroll(w.encoding, w.motion)[0], w.truth[0], atol=2e-4)
+        at = int(data.contact[0])
+        points, normals = data.nearest(w.graph, 0, 0, w.truth[0, at].numpy())
+        side = np.ones(3) if w.graph is graph else REFLECTION
+        wanted = data.nearest(graph, 0, 0, worn[at])
+        assert np.allclose(points * side, wanted[0], atol=1e-3) and np.allclose(normals * side, wanted[1], atol=1e-2)
+
+
+def test_networks_of_single_garments_are_not_taught_in_the_mirror(body, tmp_path):
+    graph = GarmentGraph.of(tube(body, 8, 4), body)
+    settings = AnimatorTraining(TrainingSettings(epochs=1), mirror=True)
+    with pytest.raises(ValueError, match="tailornet: it knows a vertex by its number, so mirror must be false"):
+        fit_animator(network("tailornet", body, {"tube": 32}), [example(body, graph, 0)], body, settings, tmp_path)
 
 
 def test_smoothing_takes_the_detail_and_leaves_the_whole(body):
