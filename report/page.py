@@ -23,7 +23,8 @@ from report.columns import readable_seconds, significant
 from report.flow import flow_diagram
 from report.machine import machine_facts, source_version
 from report.run_files import MEDIA_TYPES, Picture, RunFiles
-from report.sections import Sections
+from report.sections import all_sections
+from report.sections.blocks import Run
 from report.tables import is_reference, table_view
 
 HERE = Path(__file__).parent
@@ -48,17 +49,17 @@ def build_page(folder: str | Path, config: Mapping[str, Any], plan: Mapping[str,
     environment.filters["inline"] = _data_uri
     environment.filters["svg"] = Markup
     stages = files.stages()
-    sections = Sections(files, config)
+    whole = Run(files, config)
     return environment.get_template("template.html").render(
         run=run,
         sentence=sentence(config),
-        hero=hero_pictures(sections.pictures),
+        hero=hero_pictures(whole.found),
         headlines=headlines(files),
         flow=flow_diagram(flow_counts(files, config, plan or {})),
         stages=table_view(stages, mark=False, keys=()) if stages else None,
         stages_caption=CAPTIONS["stages"],
         stages_total=readable_seconds(sum(float(r["total_s"]) for r in stages)) if stages else "",
-        sections=sections.all(),
+        sections=all_sections(whole),
         config_text=yaml.safe_dump(_plain(config), sort_keys=False, allow_unicode=True, width=110),
         machine=machine_facts(),
         source=source_version(),
