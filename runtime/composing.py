@@ -16,7 +16,8 @@ On another body than the run's own, shapes are brought to the own body and back 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import copy
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,6 +26,7 @@ import numpy as np
 from formats.animation import Animation, plain_name
 from models.motion_features import MotionTrack
 from models.other_bodies import OtherBody
+from models.refinement import Refiner
 from motions.clip import Clip
 from motions.looping import exact_loop, rounds_before
 from runtime.dressing import Wearing, dressed_animation
@@ -200,6 +202,13 @@ class Composer:
             other.add(Keyframe(round(keyframe.frame * scale), keyframe.latent, None, keyframe.origin))
         return other
 
+    def alone(self, latent: np.ndarray) -> Composer:
+        """The same motion with one z throughout and no other keyframe; it shares what was computed for this one."""
+        other = self._sharing_copy()
+        other._keyframes, other._interpolation = {}, None
+        other.add(Keyframe(0, latent, None, "latent"))
+        return other
+
     def latents(self, frames: np.ndarray | None = None) -> np.ndarray:
         """z [n, Z] of the frames, all where None."""
         asked = np.arange(self.frames) if frames is None else np.asarray(frames)
@@ -211,14 +220,32 @@ class Composer:
         Raises:
             ValueError: It is outside of the motion.
         """
-        number = self._checked(number, wrap=False)
-        vertices = self._world(self._canonical(np.array([number])), np.array([number]))[0]
-        under = self._bodies[number]
-        posed = self._refiner.body.at(under)
-        hits = self._refiner.near(vertices, posed)
-        if refine:
-            vertices = self._refiner.refine_hits(vertices, posed, hits)[0].astype(np.float32)
-        return ComposedFrame(vertices, under, hits.distance < 0.0)
+        return next(self.some_frames([self._checked(number, wrap=False)], refine))
+
+    def some_frames(self, numbers: Sequence[int], refine: bool = True) -> Iterator[ComposedFrame]:
+        """Some frames in turn, decoded together and refined one by one as they are asked for.
+
+        Raises:
+            ValueError: One is outside of the motion.
+        """
+        asked = np.array([self._checked(int(number), wrap=False) for number in numbers], dtype=np.int64)
+        for number, vertices in zip(asked, self._world(self._canonical(asked), asked), strict=True):
+            under = self._bodies[number]
+            posed = self._refiner.body.at(under)
+            hits = self._refiner.near(vertices, posed)
+            if refine:
+                vertices = self._refiner.refine_hits(vertices, posed, hits)[0].astype(np.float32)
+            yield ComposedFrame(vertices, under, hits.distance < 0.0)
+
+    def twin(self, refiner: Refiner) -> Composer:
+        """The same keyframes on the same motion, for another thread; later changes of the one do not reach the other.
+
+        Args:
+            refiner: Of this body and garment; a refiner is no thing for two threads.
+        """
+        other = self._sharing_copy()
+        other._refiner, other._keyframes = refiner, dict(self._keyframes)
+        return other
 
     def compose(self, refine: bool = True, progress: OnProgress | None = None) -> Composed:
         """The whole animation.
@@ -253,6 +280,11 @@ class Composer:
         name = plain_name(f"{self.space.garment.name}_{self.clip.name}")
         animation = dressed_animation(name, self.clip, self.wearing, made, self._bodies, notes)
         return Composed(animation, inside / (different * made.shape[1]), left, self._largest_step(made))
+
+    def _sharing_copy(self) -> Composer:
+        # What hangs on the motion alone is computed once for both.
+        _ = self._signatures, self._change, self._pelvis, self._bodies, self._between
+        return copy.copy(self)
 
     def _canonical(self, numbers: np.ndarray) -> np.ndarray:
         """Canonical garments [n, V, 3] of some frames, before refinement."""

@@ -1,0 +1,111 @@
+"""Make an exact garment loop: the last frame is the first one, in body and garment.
+
+    python -m pipeline.loop --garment skirt --motion cycle.bvh --format glb
+    python -m pipeline.loop --garment skirt --motion walk --first 12 --frames 31 --set bend=8e-5
+    python -m pipeline.loop --garment tshirt --motion wave-both --close --candidate 0:3 --candidate 30:4
+
+The same motion gives the same garment, so a motion that loops gives a garment that does (Wang 2019): what came before
+the first frame is the loop itself, over and over. A body that walks ends elsewhere, and perhaps turned; there, first
+and last frame are the same as seen from its pelvis. Keyframes are those of pipeline.compose, and go around: after the
+last comes the first.
+
+A motion loops where every joint ends within --tolerance of where it began, the body brought back to its place and
+heading; what is left is spread over all frames. One that does not is refused, and the stretch of it that comes nearest
+is named; --close makes a loop of it, whose end fades into its beginning, by that time shorter.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+
+from formats.animation import plain_name
+from motions.clip import Clip
+from motions.looping import TOLERANCE, best_loop, closed, loop_gap
+from pipeline.command import (
+    add_output,
+    add_wearing,
+    asked_formats,
+    asked_garment,
+    run_command,
+    targets,
+    write,
+)
+from pipeline.keyframe_options import add_keyframes, add_motion, asked_clip, set_keyframes, told
+from runtime.composing import Composer
+from runtime.finished_run import FinishedRun
+from runtime.intrinsic_space import IntrinsicSpace
+from runtime.wishes import body_shape
+
+FADE = 0.4
+"""Seconds in which a motion that is closed fades into its beginning."""
+
+SHORTEST = 0.5
+"""Seconds of the shortest stretch that is named as nearly a loop."""
+
+
+def define(parser: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    add_wearing(parser)
+    add_motion(parser)
+    parser.add_argument(
+        "--tolerance", type=float, default=TOLERANCE, metavar="METRES", help="of a joint at the ends (%(default)s)"
+    )
+    parser.add_argument(
+        "--close",
+        type=float,
+        nargs="?",
+        const=FADE,
+        metavar="SECONDS",
+        help=f"close a motion that does not loop, by fading its end into its beginning ({FADE})",
+    )
+    add_keyframes(parser)
+    add_output(parser)
+
+
+def looping(clip: Clip, run: FinishedRun, tolerance: float, close: float | None) -> Clip:
+    """The clip as a loop of the run's body.
+
+    Raises:
+        ValueError: It does not loop and is not to be closed; or it is too short to be.
+    """
+    if not 0.0 < tolerance <= 1.0:
+        raise ValueError(f"--tolerance {tolerance:g}: allowed are more than 0 and at most 1 m")
+    if close is not None:
+        if not 0.0 < close <= 10.0:
+            raise ValueError(f"--close {close:g}: allowed are more than 0 and at most 10 s")
+        return closed(clip, max(1, round(close * clip.fps)))
+    gap = loop_gap(clip, run.body)
+    if gap > tolerance:
+        best = best_loop(clip, run.body, max(2, round(SHORTEST * clip.fps)))
+        nearest = ""
+        if best is not None:
+            nearest = f"; nearest are its frames {best.first} to {best.last}, {1e3 * best.gap:.0f} mm apart"
+        raise ValueError(
+            f"motion '{clip.name}' does not loop: a joint of its last frame is {1e3 * gap:.0f} mm from where the first "
+            f"has it, at most {1e3 * tolerance:.0f} mm are allowed{nearest}; --close makes a loop of it"
+        )
+    return clip
+
+
+def loop(options: argparse.Namespace) -> None:
+    """Read, close, compose, write; nothing is written if anything asked for is wrong."""
+    formats, garment = asked_formats(options.format), asked_garment(options)
+    shape = body_shape(options.shape)
+    clip = looping(asked_clip(options, garment.run), garment.run, options.tolerance, options.close)
+    name = plain_name(f"{garment.name}_{clip.name}_loop")
+    paths = targets(name, options.out, formats, options.force)
+    composer = Composer(IntrinsicSpace(garment), clip, shape, options.hold, loop=True)
+    set_keyframes(composer, options, "loop")
+    composed = composer.compose(not options.no_refine)
+    told("loop", name, composed, composer)
+    write(replace(composed.animation, name=name), paths, options.force)
+
+
+def main(given: list[str] | None = None) -> None:
+    """Command line."""
+    run_command("loop", __doc__, define, loop, given)
+
+
+if __name__ == "__main__":
+    main()
