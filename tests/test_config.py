@@ -29,6 +29,17 @@ def test_shipped_configs_are_valid(name):
     assert load_config([DEFAULT, CONFIGS / name])["run"] == name.removesuffix(".yaml")
 
 
+def test_null_takes_out_what_the_default_holds(tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text("garments: {skirt: null}\nmodels: {mesh_vae_gan: {variants: {coma-1: null}}}")
+    config, default = load_config([DEFAULT, file]), load_config([DEFAULT])
+    assert set(default["garments"]) - set(config["garments"]) == {"skirt"}
+    variants = [set(one["models"]["mesh_vae_gan"]["variants"]) for one in (default, config)]
+    assert variants[0] - variants[1] == {"coma-1"}
+    refused = refusal(tmp_path, "models: {mesh_vae_gan: {variants: {anchored: null}}}")
+    assert "models.mesh_vae_gan.use: found 'anchored'; allowed are the variants that are configured" in refused
+
+
 @pytest.mark.parametrize("name", ["default.yaml", "smoke.yaml", "paper.yaml", "mocap.yaml", "long.yaml"])
 def test_every_value_has_its_unit(name):
     for number, line in enumerate((CONFIGS / name).read_text().splitlines(), 1):

@@ -1,6 +1,7 @@
 """The run configuration: strict YAML, one closed schema, one clear sentence for whatever is wrong.
 
-In: YAML files, the later laid over the earlier (as Snakemake does with ``--configfile``). Out: a checked dictionary.
+In: YAML files, the later laid over the earlier (as Snakemake does with ``--configfile``); null takes out what the files
+below hold. Out: a checked dictionary.
 Every complaint names the file, the key, what was found and what is allowed.
 """
 
@@ -12,12 +13,12 @@ from typing import Any
 
 from pipeline.config.data import check_clothing_layers, check_data, check_motions
 from pipeline.config.garments import check_garments, check_wardrobe
-from pipeline.config.layers import ConfigError, Layer, overlaid, read_layers
+from pipeline.config.layers import ConfigError, Layer, overlaid, read_layers, without_nulls
 from pipeline.config.materials import check_materials, check_ranges
 from pipeline.config.models import check_models
 from pipeline.config.schema import check_schema
 
-__all__ = ["ConfigError", "check_config", "load_config", "read_layers"]
+__all__ = ["ConfigError", "check_config", "load_config", "read_layers", "without_nulls"]
 
 
 def load_config(paths: Iterable[str | Path]) -> dict[str, Any]:

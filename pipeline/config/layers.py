@@ -54,12 +54,21 @@ def read_layers(paths: Iterable[str | Path]) -> list[Layer]:
 
 
 def overlaid(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Deep merge: mappings are merged, everything else is replaced."""
+    """Deep merge: mappings are merged, everything else is replaced; what is null above is taken out."""
     merged = dict(below)
     for key, value in above.items():
         both = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
         merged[key] = overlaid(merged[key], value) if both else value
-    return merged
+    return without_nulls(merged)
+
+
+def without_nulls(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The configuration without what a file took out with ``null``: a variant, a garment, a type of clothing."""
+    return {
+        key: without_nulls(value) if isinstance(value, Mapping) else value
+        for key, value in config.items()
+        if value is not None
+    }
 
 
 def fault(layers: Sequence[Layer], key: Sequence, found: str, allowed: str) -> ConfigError:

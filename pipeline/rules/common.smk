@@ -4,12 +4,14 @@ import sys
 from glob import glob
 
 from pipeline import spec, wardrobe_plan
-from pipeline.config import ConfigError, check_config, read_layers
+from pipeline.config import ConfigError, check_config, read_layers, without_nulls
 from pipeline.plan import batch_count, learning_batch_count, shard_batches, shard_names
 from pipeline.sources import stage_sources
 
 # Snakemake lists the files of the command line first, yet lays them over the default.
 overlays = list(workflow.overwrite_configfiles or [])
+# What a file takes out with null, Snakemake keeps as null.
+config = without_nulls(config)
 try:
     check_config(config, read_layers([f for f in workflow.configfiles if f not in overlays] + overlays))
 except ConfigError as error:
