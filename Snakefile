@@ -17,6 +17,7 @@ include: "pipeline/rules/learn.smk"
 include: "pipeline/rules/evaluate.smk"
 include: "pipeline/rules/gsnet.smk"
 include: "pipeline/rules/mesh_vae_gan.smk"
+include: "pipeline/rules/systems.smk"
 include: "pipeline/rules/arcsim.smk"
 include: "pipeline/rules/report.smk"
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.config.data import check_clothing_layers, check_data, check_motions
-from pipeline.config.garments import check_garments, check_wardrobe
+from pipeline.config.garments import check_garments, check_systems, check_wardrobe
 from pipeline.config.layers import ConfigError, Layer, overlaid, read_layers, without_nulls
 from pipeline.config.materials import check_materials, check_ranges
 from pipeline.config.models import check_models
@@ -42,3 +42,4 @@ def check_config(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
     check_clothing_layers(config, layers)
     check_wardrobe(config, layers)
     check_models(config, layers)
+    check_systems(config, layers)

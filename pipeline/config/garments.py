@@ -36,6 +36,15 @@ def check_wardrobe(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
         raise fault(layers, ("wardrobe", *key), found, allowed)
 
 
+def check_systems(config: Mapping[str, Any], layers: Sequence[Layer]) -> None:
+    """The garment that all systems are compared on: the layers of the Mesh VAE-GAN know T-shirts, and no other top."""
+    name, key = config["systems"]["garment"], ("systems", "garment")
+    known = [garment for garment, settings in config["garments"].items() if settings["kind"] == "tshirt"]
+    if name and name not in known:
+        allowed = f"{', '.join(known)} or ''" if known else "''"
+        raise fault(layers, key, f"found {name!r}", f"allowed are the garments of kind tshirt: {allowed}")
+
+
 def _check_shape(place: tuple, shape: Mapping[str, Any], layers: Sequence[Layer]) -> None:
     kind = shape["kind"]
     if kind == "mesh":

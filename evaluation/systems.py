@@ -1,0 +1,148 @@
+"""Rows of the table that holds all systems beside each other on one garment.
+
+In: test sequences of the garment, and systems as predictors of its vertices in the world. Out: a row a split and
+system: its errors, how it stretches, bends and sinks into the body before any projection, what it costs to run, and
+what it was trained on. Figures are those of ``evaluation.regressor``; times are processor time, of one thread where the
+caller sees to that.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from collections.abc import Sequence as Many
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from body.model import Body
+from datasets.sequences import Sequence
+from evaluation.metrics import mean_vertex_error
+from evaluation.regressor import Predictor, RegressorEvaluation, regressor_rows
+from evaluation.table import Row
+from garments.layer_wearing import LayerWearing
+from garments.template import GarmentTemplate
+
+FIGURES = {
+    "mean_vertex_mm": "error_mm",
+    "rmse_mm": "rmse_mm",
+    "edge_mm": "edge_mm",
+    "bend": "bend",
+    "collision_rate_percent": "collision_percent",
+    "deepest_mm": "deepest_mm",
+    "sted": "sted",
+}
+"""Columns of ``evaluation.regressor`` and what they are called here."""
+
+REPETITIONS = 5
+"""Times that a system dresses the timed sequence, after one that warms up."""
+
+
+@dataclass(frozen=True)
+class System:
+    """A way to dress the garment.
+
+    Attributes:
+        paper: Whose it is: ``Shi 2023`` ..., or ``floor`` for what needs no network.
+        method: Name of the row.
+        predict: Vertices in the world [m], [T, V, 3], of a sequence; None where it has nothing to say.
+        told: What it is told of the sequence.
+        published: Whether it follows the paper; None where there is no paper.
+        points: The points over the body [m], [T, C, 3], that it says itself; those of its garment where None.
+        timed: Whether its time is measured: not where it sees the truth.
+        costs: Further columns: parameters, training.
+    """
+
+    paper: str
+    method: str
+    predict: Predictor
+    told: str
+    published: bool | None = None
+    points: Predictor | None = None
+    timed: bool = True
+    costs: Row = field(default_factory=dict)
+
+
+def system_rows(
+    sequences: Many[Sequence],
+    systems: Many[System],
+    body: Body,
+    template: GarmentTemplate,
+    wearing: LayerWearing,
+    settings: RegressorEvaluation,
+    progress: Callable[[int], None] | None = None,
+) -> list[Row]:
+    """Evaluate all systems on all sequences.
+
+    Args:
+        sequences: Test sequences of the template's garment on the body, of any splits.
+        systems: In table order; no two of one paper and method.
+        body: The body.
+        template: The garment.
+        wearing: The points of the garment that lie over body vertices.
+        settings: Strides, and how many sequences are looked at closely.
+        progress: Called with 1 after each sequence and system.
+
+    Returns:
+        Rows, split by split in order of first appearance. Times are of the first sequence and stand in every row.
+
+    Raises:
+        ValueError: A sequence of another garment, or a prediction of a wrong shape or with values that are not finite.
+    """
+    if not sequences:
+        raise ValueError(f"systems: no test sequence of garment '{template.name}'; were all of them dropped?")
+    named = {f"{system.paper}, {system.method}": system for system in systems}
+    if len(named) < len(systems):
+        raise ValueError("systems: two of them have the same name")
+    watched = {name: _Watched(system, wearing) for name, system in named.items()}
+    predictors = {name: one.predict for name, one in watched.items()}
+    found = regressor_rows(sequences, predictors, body, template, settings, progress)
+    milliseconds = {name: 1e3 * seconds_a_frame(s.predict, sequences[0]) for name, s in named.items() if s.timed}
+    rows = []
+    for row in found:
+        name, split = str(row["method"]), str(row["split"])
+        system = named[name]
+        rows.append(
+            {
+                "split": split,
+                "paper": system.paper,
+                "method": system.method,
+                "published": system.published,
+                "told": system.told,
+                "sequences": row["sequences"],
+                **{ours: row.get(theirs) for theirs, ours in FIGURES.items()},
+                "layer_error_mm": 1e3 * float(np.mean(watched[name].errors[split])),
+                "time_ms": milliseconds.get(name),
+            }
+            | system.costs
+            | {"sted_parameters": row["sted_parameters"]}
+        )
+    return rows
+
+
+class _Watched:
+    """A system whose points over the body are compared as it predicts: mean distances [m] of sequences, by split."""
+
+    def __init__(self, system: System, wearing: LayerWearing) -> None:
+        self.system, self.wearing = system, wearing
+        self.errors: dict[str, list[float]] = {}
+
+    def predict(self, sequence: Sequence) -> np.ndarray | None:
+        """What the system says."""
+        garment = self.system.predict(sequence)
+        if garment is None:
+            return None
+        points = self.wearing.points(garment) if self.system.points is None else self.system.points(sequence)
+        error = mean_vertex_error(np.asarray(points), self.wearing.points(sequence.vertices))
+        self.errors.setdefault(sequence.split, []).append(error)
+        return garment
+
+
+def seconds_a_frame(predict: Predictor, sequence: Sequence) -> float:
+    """Processor time a recorded frame [s], median over repetitions of the whole sequence."""
+    taken = []
+    for _ in range(REPETITIONS + 1):
+        start = time.process_time()
+        predict(sequence)
+        taken.append((time.process_time() - start) / sequence.frames)
+    return float(np.median(taken[1:]))
