@@ -43,7 +43,7 @@ class System:
     """A way to dress the garment.
 
     Attributes:
-        paper: Whose it is: ``Shi 2023`` ..., or ``floor`` for what needs no network.
+        paper: Whose it is: ``Shi 2023`` ..., or ``baseline`` for what needs no network.
         method: Name of the row.
         predict: Vertices in the world [m], [T, V, 3], of a sequence; None where it has nothing to say.
         told: What it is told of the sequence.
@@ -112,7 +112,7 @@ def system_rows(
                 "sequences": row["sequences"],
                 **{ours: row.get(theirs) for theirs, ours in FIGURES.items()},
                 "layer_error_mm": 1e3 * float(np.mean(watched[name].errors[split])),
-                "time_ms": milliseconds.get(name),
+                "time_ms_per_frame": milliseconds.get(name),
             }
             | system.costs
             | {"sted_parameters": row["sted_parameters"]}
