@@ -224,26 +224,36 @@ def body_clips(config: Mapping[str, Any], number: int) -> list[PlannedClip]:
     return _run_of_clips(config, number - 1, config["data"]["bodies"]["clips"])
 
 
-def layer_clips(config: Mapping[str, Any], number: int) -> list[PlannedClip]:
-    """The clips of a type of clothing, the same for every body: some to train on, some of takes that are held out.
+def layer_clips(config: Mapping[str, Any], number: int, body: int | None = None) -> list[PlannedClip]:
+    """The clips of a type of clothing: some to train on, some of takes that are held out; none of a held-out label.
 
-    Of each kind as many as are asked for and there are, evenly spread over the run; none of a label that is held out.
-    Types take turns with two sets of clips, so that all together see twice as many motions.
+    Bodies that are trained on have clips of their own: as many simulations show more motions. A body that is held out
+    has those of one that is not, so that its clips are seen ones. Types take turns with two sets of clips. All are
+    evenly spread over the run, and begin anew where it has fewer than are asked for.
 
     Args:
         config: The run.
         number: Number of the type.
+        body: Number of the body; None for the clips of all bodies.
     """
-    rule, layers = SplitRule(**config["data"]["splits"]), config["data"]["layers"]
+    layers = config["data"]["layers"]
+    rule = SplitRule(**config["data"]["splits"] | {"bodies_every": layers["bodies_every"]})
+    bodies = range(1, layers["bodies"] + 1)
+    if body is None:
+        return list(dict.fromkeys(clip for one in bodies for clip in layer_clips(config, number, one)))
+    held_out = rule.holds_out_body(body)
+    place = [one for one in bodies if rule.holds_out_body(one) is held_out].index(body)
+    trained = sum(not rule.holds_out_body(one) for one in bodies)
+    turn = (number + number // 2) % 2  # of four types, those that have no length in common share their clips
+    start, step = 2 * (place % trained) + turn, 2 * trained
     usable = [clip for clip in plan_clips(config["motions"]) if not rule.holds_out_label(clip.label)]
-    chosen = []
-    for wanted, held_out in ((layers["clips"], False), (layers["unseen_clips"], True)):
-        clips = [clip for clip in usable if rule.holds_out_take(clip.take_index) is held_out]
-        turn = (number + number // 2) % 2  # of four types, those that have no length in common share their clips
+    chosen: list[PlannedClip] = []
+    for wanted, unseen in ((layers["clips"], False), (layers["unseen_clips"], True)):
+        clips = [clip for clip in usable if rule.holds_out_take(clip.take_index) is unseen]
         # By the golden ratio, for even steps would meet the same few labels in every round of variants.
         order = np.argsort(np.arange(len(clips)) * GOLDEN % 1.0, kind="stable")
         rank = np.argsort(order, kind="stable")
-        chosen += [clips[i] for i in rank[: 2 * wanted][turn::2]]
+        chosen += dict.fromkeys(clips[rank[(start + step * k) % len(clips)]] for k in range(wanted)) if clips else ()
     return chosen
 
 

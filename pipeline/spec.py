@@ -231,9 +231,9 @@ def layer_batches(config: Config) -> list[int]:
 
 
 def layer_simulate_spec(config: Config, kind: str) -> str:
-    """The simulations of a type: every sampled body in the outfit graded to it, on every clip of the layers."""
-    layers = config["data"]["layers"]
-    numbers, clips = range(1, layers["bodies"] + 1), layer_clips(config, layer_types(config).index(kind))
+    """The simulations of a type: every sampled body in the outfit graded to it, on its clips."""
+    layers, own = config["data"]["layers"], layer_types(config).index(kind)
+    pairs = [(body, clip) for body in range(1, layers["bodies"] + 1) for clip in layer_clips(config, own, body)]
     spec = {name: config["motions"][name] for name in ("fps", "lead_in")}
     spec |= {
         "garment": kind,
@@ -241,7 +241,7 @@ def layer_simulate_spec(config: Config, kind: str) -> str:
         "seed": config["seed"],
         "body": config["body"],
         "base": base_values(layers),
-        "simulations": [[number, clip.name, clip.take_index] for number in numbers for clip in clips],
+        "simulations": [[body, clip.name, clip.take_index] for body, clip in pairs],
         "solver": config["simulation"],
         "spread": layers["spread"],
     }

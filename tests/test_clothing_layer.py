@@ -73,13 +73,26 @@ def config() -> dict:
 
 
 def test_layers_train_on_seen_clips_and_keep_some_of_held_out_takes(config):
-    rule, sets = SplitRule(**config["data"]["splits"]), [layer_clips(config, number) for number in range(4)]
-    for clips in sets:
+    rule = SplitRule(**config["data"]["splits"])
+    sets = [[layer_clips(config, number, body) for body in range(1, 7)] for number in range(4)]
+    for clips in (clips for bodies in sets for clips in bodies):
         held_out = [rule.holds_out_take(clip.take_index) for clip in clips]
         assert (held_out.count(False), held_out.count(True)) == (12, 4)
         assert not any(rule.holds_out_label(clip.label) for clip in clips)
     assert sets[0] == sets[3] and sets[1] == sets[2]
-    assert len({clip.name for clips in sets for clip in clips}) == 32
+    trained, kept = [sets[0][body - 1] for body in (1, 2, 4, 5)], [sets[0][body - 1] for body in (3, 6)]
+    assert len({clip.name for clips in trained for clip in clips}) == 64, "each body shows other motions"
+    assert all(clips in trained for clips in kept), "a body that is held out moves as one that is not"
+    assert len({clip.name for number in (0, 1) for clip in layer_clips(config, number)}) == 128
+
+
+def test_a_run_of_few_clips_gives_every_body_some(config):
+    few = copy.deepcopy(config)
+    few["motions"]["procedural"] |= {"labels": ["walk"], "variants": 5}
+    rule = SplitRule(**few["data"]["splits"])
+    for body in range(1, 7):
+        held_out = [rule.holds_out_take(clip.take_index) for clip in layer_clips(few, 0, body)]
+        assert any(held_out) and not all(held_out)
 
 
 def test_ablations_repeat_the_paper_but_for_what_they_leave_out(config):
