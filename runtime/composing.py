@@ -168,11 +168,8 @@ class Composer:
             raise ValueError(
                 f"keyframe at {frame}: has {len(vertices)} vertices, '{self.space.garment.name}' has {count}"
             )
-        given = np.asarray(vertices, dtype=np.float64)
-        if not canonical:
-            rotation, position = (part[number] for part in self._pelvis)
-            given = (given - position) @ rotation
-        own = (given - self._change[number]).astype(np.float32)[None]
+        world = self.in_world(vertices, number) if canonical else np.asarray(vertices)
+        own = self._own(world[None], np.array([number]))
         signature = self._signatures[number : number + 1]
         latent = self.space.encode(own, signature)
         detail = own[0] - self.space.decode(latent, signature)[0]
@@ -208,6 +205,26 @@ class Composer:
         other._keyframes, other._interpolation = {}, None
         other.add(Keyframe(0, latent, None, "latent"))
         return other
+
+    def in_world(self, canonical: np.ndarray, frame: int) -> np.ndarray:
+        """World vertices [V, 3] [m] of canonical ones at a frame.
+
+        Raises:
+            ValueError: It is outside of the motion.
+        """
+        return self._world(np.asarray(canonical)[None], np.array([self._checked(frame, wrap=False)]))[0]
+
+    def evidence(self, vertices: np.ndarray, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What given garments ``vertices [n, V, 3]`` [m] in the world say of z in the frames ``numbers [n]``.
+
+        Returns:
+            Values and weights, [n, Z] each.
+
+        Raises:
+            ValueError: A frame is outside of the motion.
+        """
+        frames = np.array([self._checked(int(number), wrap=False) for number in numbers])
+        return self.space.evidence(self._own(vertices, frames), self._signatures[frames])
 
     def latents(self, frames: np.ndarray | None = None) -> np.ndarray:
         """z [n, Z] of the frames, all where None."""
@@ -295,6 +312,12 @@ class Composer:
                 shapes[row] += detail
         return shapes + self._change[numbers]
 
+    def _own(self, world: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        """Canonical garments [n, V, 3] on the run's own body, of those in the world."""
+        rotation, position = (part[numbers] for part in self._pelvis)
+        canonical = np.matmul(world - position[:, None], rotation)
+        return (canonical - self._change[numbers]).astype(np.float32)
+
     def _world(self, canonical: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         rotation, position = (part[numbers] for part in self._pelvis)
         return (np.matmul(canonical, np.swapaxes(rotation, 1, 2)) + position[:, None]).astype(np.float32)
@@ -361,7 +384,7 @@ class Composer:
     def _change(self) -> np.ndarray:
         """From the own body's canonical garments to those of the body that wears them, [T, V or 1, 3] [m]."""
         if self._other is None:
-            return np.zeros((self.frames, 1, 3), dtype=np.float32)
+            return np.zeros((self.frames, 1, 3), dtype=np.float32)  # broadcasts over the vertices
         return self._other.change(self._track)
 
     @cached_property
