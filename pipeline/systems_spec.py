@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 from datasets.shards import BODIES, MATERIALS, MOTIONS
 from datasets.splits import TRAIN, SplitRule
 from pipeline.canonical import canonical
-from pipeline.plan import layer_clips, shard_names, shard_plan, shard_simulations, tested_clips
-from pipeline.spec import layer_types
+from pipeline.plan import shard_names, shard_plan, shard_simulations, tested_clips
+from pipeline.spec import layer_simulate_spec, layer_types
 from pipeline.wardrobe_plan import category_and_number, template_simulations, wardrobe_names
 
 Config = Mapping[str, Any]
@@ -80,8 +81,8 @@ def _of_wardrobe(config: Config, rule: SplitRule) -> list[int]:
 
 def _of_layers(config: Config) -> list[int]:
     """Outfits and simulations of them that are planned to be trained on."""
-    layers, rule = config["data"]["layers"], SplitRule(**config["data"]["splits"])
-    bodies = [number for number in range(1, layers["bodies"] + 1) if number % layers["bodies_every"]]
     types = layer_types(config)
-    clips = [clip for number in range(len(types)) for clip in layer_clips(config, number)]
-    return [len(types), len(bodies) * sum(not rule.holds_out_take(clip.take_index) for clip in clips)]
+    planned = [one for kind in types for one in json.loads(layer_simulate_spec(config, kind))["simulations"]]
+    rule = SplitRule(**config["data"]["splits"] | {"bodies_every": config["data"]["layers"]["bodies_every"]})
+    # None of the clips is of a label that is held out.
+    return [len(types), sum(rule.split(0, take, body_index=body) == TRAIN for body, _, take in planned)]

@@ -206,4 +206,7 @@ def test_the_comparison_knows_what_each_was_trained_on():
     )
     assert trained["own motions"] == [1, len(takes) - held_out]
     assert trained["own, all"][1] > trained["own materials"][1] > 0
-    assert trained["wardrobe"][0] == 2 and trained["layers"][0] == len(config["data"]["layers"]["types"])
+    # One template of each of two categories; of four clips and two in materials, all but held-out takes.
+    assert trained["wardrobe"][0] == 2 and 0 < trained["wardrobe"][1] <= 2 * (4 + 2)
+    # Of three bodies two are trained on, in two outfits each, on four clips.
+    assert trained["layers"] == [2, 2 * 2 * 4]
