@@ -8,8 +8,6 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Iterable, Iterator
-from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 from PIL import Image
@@ -18,6 +16,7 @@ from formats.animation import Animation
 from formats.target import new_file, refuse_existing, write_bytes
 from report.camera import Framing, View
 from report.sheets import PAPER, side_by_side
+from report.video import encode_mp4
 
 SIZE = (480, 640)
 """Width and height of a picture [px]."""
@@ -110,37 +109,3 @@ def sheet(animation: Animation, size: tuple[int, int] = (300, 400)) -> np.ndarra
         for k in range(0, len(images), columns)
     ]
     return np.concatenate(rows)
-
-
-def encode_mp4(path: Path, images: Iterable[np.ndarray], size: tuple[int, int], fps: float) -> None:
-    """Write pictures as an H.264 video that begins to play while it loads.
-
-    Args:
-        path: The file; what stands there is written over.
-        images: uint8 [H, W, 3].
-        size: Their width and height [px], both even.
-        fps: Frames per second [Hz].
-
-    Raises:
-        OSError: It could not be written in full.
-    """
-    import av
-
-    count = 0
-    with av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}) as container:
-        # 4:2:0 and the BT.709 matrix are what every player takes.
-        stream = container.add_stream(
-            "libx264", rate=Fraction(fps).limit_denominator(1001), options={"crf": "18", "preset": "medium"}
-        )
-        stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
-        stream.codec_context.thread_count = 1
-        stream.codec_context.colorspace = stream.codec_context.color_primaries = stream.codec_context.color_trc = 1
-        for image in images:
-            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
-            container.mux(stream.encode(frame.reformat(format="yuv420p", dst_colorspace="ITU709")))
-            count += 1
-        container.mux(stream.encode(None))
-    # The library does not tell of every failed write.
-    with av.open(str(path)) as container:
-        if sum(packet.size > 0 for packet in container.demux(video=0)) != count:
-            raise OSError("the file system took only a part of it")

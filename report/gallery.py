@@ -1,7 +1,7 @@
 """The pictures of one garment: drawn, put together, written beside a list that says what each one shows.
 
-In: garment and body vertices [m] with names. Out: a folder of WebP files and ``figures.json``, which the page and the
-README read. Names are stable: the kind of the picture and a running number.
+In: garment and body vertices [m] with names. Out: a folder of stills (WebP) and videos (MP4) and ``figures.json``,
+which the page reads. Names are stable: the kind of the picture and a running number.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ import numpy as np
 from datasets.atomic import write_text
 from report.camera import Framing, View
 from report.render import ERROR_STOPS, Colour, render_frame, render_sequence
-from report.sheets import contact_sheet, side_by_side, with_legend, write_animation, write_image
+from report.sheets import contact_sheet, side_by_side, with_legend, write_image
+from report.video import write_video
 
 FAR = 0.8
 """A body that travels farther [m] is followed by the camera."""
@@ -63,7 +64,7 @@ class Gallery:
         colour: Its colour.
         garment_faces, body_faces: Triangles.
         size: Width and height of a picture that stands alone [px].
-        fps: Frame rate of the animations [Hz].
+        fps: Frame rate of the videos [Hz].
     """
 
     def __init__(
@@ -224,12 +225,16 @@ class Gallery:
     def _animation(
         self, kind: str, frames: np.ndarray, title: str, caption: str, dressed: Dressed, numbers: dict[str, Any]
     ) -> None:
-        name = self._name(kind)
-        write_animation(self.folder / name, frames, self.fps)
-        self._list(name, kind, frames.shape[1:], title, caption, "Animation", dressed, numbers, animated=True)
+        frames = frames[:, : 2 * (frames.shape[1] // 2), : 2 * (frames.shape[2] // 2)]  # as video has to be
+        name = self._name(kind, ".mp4")
+        poster = f"{Path(name).stem}_poster.webp"
+        write_video(self.folder / name, frames, self.fps)
+        write_image(self.folder / poster, frames[0])
+        self._list(name, kind, frames.shape[1:], title, caption, "Video", dressed, numbers, animated=True)
+        self.entries[-1]["poster"] = poster
 
-    def _name(self, kind: str) -> str:
-        return f"{kind}_{sum(e['kind'] == kind for e in self.entries):02d}.webp"
+    def _name(self, kind: str, suffix: str = ".webp") -> str:
+        return f"{kind}_{sum(e['kind'] == kind for e in self.entries):02d}{suffix}"
 
     def _list(
         self,

@@ -46,7 +46,7 @@ def build_page(folder: str | Path, config: Mapping[str, Any], plan: Mapping[str,
     environment = Environment(
         loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters["inline"] = _data_uri
+    environment.filters["inline"] = data_uri
     environment.filters["svg"] = Markup
     stages = files.stages()
     whole = Run(files, config)
@@ -175,9 +175,9 @@ def _thousands(number: int) -> str:
     return f"{number:,}".replace(",", "\u202f")
 
 
-def _data_uri(picture: Picture) -> str:
-    data = base64.b64encode(picture.file.read_bytes()).decode("ascii")
-    return f"data:{MEDIA_TYPES[picture.file.suffix]};base64,{data}"
+def data_uri(file: Path) -> str:
+    """A file of a type that the page shows, as an address that holds it."""
+    return f"data:{MEDIA_TYPES[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}"
 
 
 def _plain(value: Any) -> Any:

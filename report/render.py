@@ -19,6 +19,7 @@ from scipy.ndimage import gaussian_filter
 from geometry.topology import MeshTopology, normalized, vertex_normals
 from report.camera import Framing, View
 from report.colours import BODY, GARMENT_COLOURS
+from report.sky import key_directions, seen_share, sky_directions
 
 if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
     # Without a display VTK would try X first and complain on every window.
@@ -43,6 +44,15 @@ ERROR_STOPS = np.array(
     ]
 )
 """Error colours from nought to the maximum: plain cloth, yellow, orange, red, purple; lightness falls steadily."""
+
+KEY = (-0.80, 0.75, 0.48)
+LIGHTS = (
+    ((1.0, 0.97, 0.93), 0.86, KEY),
+    ((0.88, 0.93, 1.0), 0.22, (0.70, 0.15, 0.95)),
+    ((1.0, 0.98, 0.95), 0.46, (1.00, 0.40, 0.02)),
+    ((0.9, 0.94, 1.0), 0.30, (-0.80, 0.50, -0.90)),
+)
+"""Colour, intensity and place as (right, up, towards the camera): key light, soft fill, rake, and a rim from behind."""
 
 OVERSAMPLING = 2
 GROUND_CELLS = 72
@@ -82,6 +92,7 @@ class SceneRenderer:
         self._garment = _mesh(drawn)
         self._garment["colour"] = np.full((int(drawn.max()) + 1, 3), 255, dtype=np.uint8)
         self._body = _mesh(self.body_faces)
+        self._body["colour"] = np.full((int(self.body_faces.max()) + 1, 3), 255, dtype=np.uint8)
         self._ground = pv.Plane(
             center=(0, 0, 0), direction=(0, 1, 0), i_size=1, j_size=1,
             i_resolution=GROUND_CELLS - 1, j_resolution=GROUND_CELLS - 1,
@@ -120,9 +131,10 @@ class SceneRenderer:
             largest_error: Error with the darkest colour [m].
         """
         garment, body = np.asarray(garment, dtype=np.float64), np.asarray(body, dtype=np.float64)
-        normals = vertex_normals(garment, self.garment_faces)
-        shade = np.ones(len(garment)) if error is not None else self._folds(garment, normals)
+        normals, skin = vertex_normals(garment, self.garment_faces), vertex_normals(body, self.body_faces)
+        light = self._light(np.concatenate([garment, body]), np.concatenate([normals, skin]), framing)
         if error is None:
+            shade = light[: len(garment)] * self._folds(garment, normals)
             colours = np.clip(self.colour * shade[:, None], 0, 1)
         else:
             colours = error_colours(np.asarray(error), largest_error)
@@ -131,7 +143,8 @@ class SceneRenderer:
             points, normals, colours = self.tessellation(garment, normals, colours)
         _move(self._garment, points, normals)
         self._garment["colour"] = (255 * colours).astype(np.uint8)
-        _move(self._body, body, vertex_normals(body, self.body_faces))
+        _move(self._body, body, skin)
+        self._body["colour"] = (255 * np.clip(np.array(BODY) * light[len(garment) :, None], 0, 1)).astype(np.uint8)
         self._lay_ground(points, body, framing.targets[index])
         if not self._built:
             self._build(flat=error is not None)
@@ -152,15 +165,14 @@ class SceneRenderer:
             backface_params={"ambient": 0.6 * ambient, "diffuse": 0.45 * diffuse, "specular": 0.0},
         )
         _finish(actor, ambient, diffuse, specular=0.06)
-        body = self._plotter.add_mesh(self._body, color=BODY, smooth_shading=False)
-        _finish(body, ambient=0.26, diffuse=0.86, specular=0.10)
+        body = self._plotter.add_mesh(
+            self._body, scalars="colour", rgb=True, smooth_shading=False, show_scalar_bar=False
+        )
+        _finish(body, ambient=0.28, diffuse=0.88, specular=0.08)
         self._plotter.add_mesh(self._ground, scalars="colour", rgb=True, lighting=False, show_scalar_bar=False)
-        # Colour, intensity, and place as (right, up, towards the camera).
         self._lights = [
-            (pv.Light(color=(1.0, 0.97, 0.92), intensity=0.80, light_type="scene light"), (-0.60, 0.85, 0.75)),
-            (pv.Light(color=(0.86, 0.92, 1.0), intensity=0.20, light_type="scene light"), (0.90, 0.10, 0.90)),
-            (pv.Light(color=(1.0, 0.98, 0.95), intensity=0.50, light_type="scene light"), (1.00, 0.45, 0.02)),
-            (pv.Light(color=(0.9, 0.94, 1.0), intensity=0.30, light_type="scene light"), (-0.80, 0.50, -0.90)),
+            (pv.Light(color=colour, intensity=intensity, light_type="scene light"), place)
+            for colour, intensity, place in LIGHTS
         ]
         for light, _ in self._lights:
             self._plotter.add_light(light)
@@ -173,11 +185,18 @@ class SceneRenderer:
         camera.focal_point, camera.up, camera.view_angle = tuple(target), (0, 1, 0), framing.field
         camera.clipping_range = (0.2 * framing.distance, framing.distance + 12.0)
         # Lights turn with the camera, so that every view is lit alike; they stay level.
-        forward = normalized(np.array([back[0], 0.0, back[2]]))
-        right = np.array([forward[2], 0.0, -forward[0]])
+        right, forward = _level(framing)
         for light, (x, y, z) in self._lights:
             light.position = tuple(target + 10.0 * (x * right + y * np.array([0.0, 1.0, 0.0]) + z * forward))
             light.focal_point = tuple(target)
+
+    def _light(self, points: np.ndarray, normals: np.ndarray, framing: Framing) -> np.ndarray:
+        """Brightness of each point by what stands before the sky and before the key light, 0.4..1.07."""
+        right, forward = _level(framing)
+        x, y, z = KEY
+        key = key_directions(x * right + y * np.array([0.0, 1.0, 0.0]) + z * forward)
+        sky = seen_share(points, normals, sky_directions())
+        return (0.58 + 0.46 * sky) * (0.76 + 0.27 * seen_share(points, normals, key))
 
     def _folds(self, garment: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Brightness of each vertex, 0.68..1.1: valleys darker, ridges lighter, as sky light would have it."""
@@ -327,6 +346,13 @@ def error_colours(error: np.ndarray, largest_error: float) -> np.ndarray:
     place = np.clip(error / largest_error, 0, 1)
     stops = np.linspace(0, 1, len(ERROR_STOPS))
     return np.stack([np.interp(place, stops, ERROR_STOPS[:, k]) for k in range(3)], axis=-1)
+
+
+def _level(framing: Framing) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors to the right of the camera and towards it, along the ground."""
+    back = framing.direction
+    forward = normalized(np.array([back[0], 0.0, back[2]]))
+    return np.array([forward[2], 0.0, -forward[0]]), forward
 
 
 def _finish(actor: pv.Actor, ambient: float, diffuse: float, specular: float) -> None:

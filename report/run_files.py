@@ -36,21 +36,27 @@ STAGE_ORDER = (
     "render_descriptor",
 )
 
-MEDIA_TYPES = {".png": "image/png", ".webp": "image/webp", ".jpg": "image/jpeg", ".svg": "image/svg+xml"}
+MEDIA_TYPES = {
+    ".png": "image/png",
+    ".webp": "image/webp",
+    ".jpg": "image/jpeg",
+    ".svg": "image/svg+xml",
+    ".mp4": "video/mp4",
+}
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture of the page, still or animated.
+    """A picture of the page, still or moving.
 
     Attributes:
         garment: Whose picture it is.
         file: Where it lies.
-        kind: ``hero``, ``contact``, ``simulated``, ``materials``, ``error``, ``refined``, ``generated``,
-            ``descriptor_error``, ``descriptor_between`` or ``descriptor_implausible``.
+        kind: What it shows, as the stage that drew it names it: ``simulated``, ``error``, ``descriptor_error`` ...
         title, caption, alt: Texts; ``alt`` says what is to be seen.
         width, height: Size [px].
         animated: Whether it moves.
+        poster: Still that stands in the place of a video until it plays.
         label, clip: Motion that is shown.
         numbers: Figures of the picture by column name, such as ``rmse_mm``.
     """
@@ -58,12 +64,13 @@ class Picture:
     garment: str
     file: Path
     kind: str
-    title: str
-    caption: str
-    alt: str
-    width: int
-    height: int
+    title: str = ""
+    caption: str = ""
+    alt: str = ""
+    width: int = 0
+    height: int = 0
     animated: bool = False
+    poster: Path | None = None
     label: str = ""
     clip: str = ""
     numbers: dict[str, Any] = field(default_factory=dict)
@@ -135,7 +142,10 @@ class RunFiles:
                 file = listing.parent / Path(entry["file"]).name
                 if file.suffix in MEDIA_TYPES and file.is_file():
                     fields = {k: v for k, v in entry.items() if k in Picture.__dataclass_fields__}
-                    pictures.append(Picture(**fields | {"file": file, "garment": content["garment"]}))
+                    poster = listing.parent / Path(str(entry.get("poster") or "-")).name
+                    shown = poster.suffix in MEDIA_TYPES and poster.is_file()
+                    fields |= {"file": file, "poster": poster if shown else None}
+                    pictures.append(Picture(**fields | {"garment": content["garment"]}))
         return pictures
 
     def absent(self) -> list[tuple[str, str]]:

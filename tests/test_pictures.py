@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from PIL import Image
@@ -69,13 +70,21 @@ def test_every_picture_is_listed_and_stands_where_the_list_says(tmp_path: Path) 
     gallery.error(one, one.garment + 0.01, 0.02, "c", still=3, rmse_mm=17.320508)
     gallery.write(absent=["no collision"])
     listed = json.loads((folder / "figures.json").read_text())
-    assert [e["file"] for e in listed["figures"]] == ["simulated_00.webp", "error_00.webp", "error_still_00.webp"]
+    assert [e["file"] for e in listed["figures"]] == ["simulated_00.mp4", "error_00.mp4", "error_still_00.webp"]
     for entry in listed["figures"]:
-        with Image.open(folder / entry["file"]) as image:
+        with Image.open(folder / entry.get("poster", entry["file"])) as image:
             assert image.size == (entry["width"], entry["height"])
-            assert getattr(image, "is_animated", False) == entry["animated"], entry["file"]
+        if entry["animated"]:
+            with av.open(str(folder / entry["file"])) as video:
+                stream = video.streams.video[0]
+                assert stream.codec.name == "h264" and stream.pix_fmt == "yuv420p", "what every browser plays"
+                frames = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
+            assert len(frames) == 8 and frames[0].shape[:2] == (entry["height"], entry["width"])
+            with Image.open(folder / entry["poster"]) as poster:
+                assert np.abs(frames[0].astype(int) - np.asarray(poster.convert("RGB"))).mean() < 8.0
     assert listed["figures"][1]["numbers"] == {"rmse_mm": 17.3205}
     pictures = RunFiles(tmp_path).pictures()
+    assert [p.poster is not None for p in pictures] == [True, True, False]
     assert [(p.kind, p.label, p.animated) for p in pictures][:2] == [
         ("simulated", "walk", True),
         ("error", "walk", True),

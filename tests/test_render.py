@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from PIL import Image
@@ -11,6 +12,8 @@ from PIL import Image
 from report.camera import Framing, View
 from report.render import ERROR_STOPS, SceneRenderer, Tessellation, error_colours, render_frame
 from report.sheets import caption_height, contact_sheet, side_by_side, with_legend, write_animation, write_image
+from report.sky import key_directions, seen_share, sky_directions
+from report.video import write_video
 
 SIZE = (96, 128)
 
@@ -98,6 +101,35 @@ def test_tessellation_keeps_vertices_and_rounds_off() -> None:
     round_ = np.abs(1 - np.linalg.norm(points[len(vertices) :], axis=1))
     assert round_.max() < 0.5 * flat.max()
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+
+
+def test_what_hangs_above_shades_what_lies_below() -> None:
+    side = np.linspace(-0.5, 0.5, 41)
+    x, z = (a.ravel() for a in np.meshgrid(side, side))
+    floor = np.stack([x, np.zeros_like(x), z], axis=1)
+    roof = np.stack([0.3 * x, np.full_like(x, 0.3), 0.3 * z], axis=1)
+    up = np.tile([0.0, 1.0, 0.0], (len(floor), 1))
+    alone = seen_share(floor, up, sky_directions())
+    assert alone.min() > 0.97, "a plane does not shade itself"
+    both = seen_share(np.concatenate([floor, roof]), np.concatenate([up, up]), sky_directions())[: len(floor)]
+    middle, corner = np.hypot(x, z).argmin(), np.hypot(x, z).argmax()
+    assert both[middle] < 0.7 < 0.9 < both[corner]
+    lit = seen_share(np.concatenate([floor, roof]), np.concatenate([up, up]), key_directions(np.array([1.0, 1.0, 0.0])))
+    darkest = floor[lit[: len(floor)].argmin()]
+    assert darkest[0] < -0.15 and abs(darkest[2]) < 0.2, "the shadow falls away from the light"
+
+
+def test_video_lasts_as_long_as_its_frames_and_refuses_what_is_no_picture(tmp_path: Path) -> None:
+    frames = np.stack([np.full((33, 47, 3), 40 * t, dtype=np.uint8) for t in range(6)])
+    write_video(tmp_path / "clip.mp4", frames, fps=25.0)
+    with av.open(str(tmp_path / "clip.mp4")) as video:
+        assert float(video.streams.video[0].duration * video.streams.video[0].time_base) == pytest.approx(6 / 25)
+        shown = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
+    assert shown[0].shape == (32, 46, 3)
+    assert [abs(int(image[16, 24, 0]) - 40 * t) < 12 for t, image in enumerate(shown)] == [True] * 6
+    with pytest.raises(ValueError, match="expected images uint8"):
+        write_video(tmp_path / "bad.mp4", frames.astype(float), fps=30.0)
+    assert [path.name for path in tmp_path.iterdir()] == ["clip.mp4"]
 
 
 def test_sheets_place_their_pictures() -> None:

@@ -10,6 +10,7 @@ from collections import Counter
 
 from report.captions import (
     collisions,
+    gallery,
     garment_regressor,
     losses,
     motion_cvae,
@@ -17,6 +18,7 @@ from report.captions import (
     run,
     shape_descriptor,
     simulation,
+    systems,
     timing,
 )
 from report.captions.caption import Caption, made_by
@@ -25,6 +27,7 @@ __all__ = ["CAPTIONS", "TOPICS", "Caption", "made_by"]
 
 TOPICS = (
     run,
+    gallery,
     simulation,
     shape_descriptor,
     motion_invariant,
@@ -32,6 +35,7 @@ TOPICS = (
     garment_regressor,
     collisions,
     timing,
+    systems,
     losses,
 )
 

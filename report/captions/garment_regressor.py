@@ -61,9 +61,9 @@ CAPTIONS: dict[str, Caption] = {
     ),
     "published_regressors": Caption("Published regressors", OTHER_DATA, "Shi 2023, Tables 6 and 9.", other=True),
     "published_gsnet": Caption("Published regressors, GSNet's figures", OTHER_DATA, "Peng 2023, Table 1.", other=True),
-    "pictures_error": Caption(
+    "pictures_error_still": Caption(
         "Truth, prediction, error",
-        "From left to right; the error in millimetres on the cloth.",
+        "The frame with the median error of each motion; the error in millimetres on the cloth.",
         "Shi 2023, Figure 6.",
         "render → pipeline/render.py",
         "A motion that was not trained on.",

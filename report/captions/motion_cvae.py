@@ -75,10 +75,4 @@ CAPTIONS: dict[str, Caption] = {
     ),
     "published_reconstruction": Caption("Published reconstruction", OTHER_DATA, "Shi 2023, Table 3.", other=True),
     "published_generation": Caption("Published generation", OTHER_DATA, "Shi 2023, Table 4.", other=True),
-    "pictures_generated": Caption(
-        "Generated",
-        "Label → motion CVAE → ground → garment regressor → refinement. No simulator was involved.",
-        "Shi 2023, Figure 1.",
-        "render → pipeline/render.py",
-    ),
 }

@@ -45,12 +45,11 @@ CAPTIONS: dict[str, Caption] = {
         "Wang 2019, section 4 (three groups of parameters).",
         "configuration → sim/parameters.py",
     ),
-    "pictures_simulated": Caption("Simulated", "Lively sequences of the data set.", made="render → pipeline/render.py"),
-    "pictures_materials": Caption(
+    "pictures_material": Caption(
         "One motion, several materials",
-        "The same clip under clearly different parameter sets.",
+        "The frame in which three parameter sets of a clip differ most.",
         "Wang 2019, section 4 (data set).",
         "render → pipeline/render.py",
     ),
-    "pictures_contact": Caption("More of the data", made="render → pipeline/render.py"),
+    "pictures_contact": Caption("Sequences of the data", made="render → pipeline/render.py"),
 }

@@ -9,17 +9,20 @@ from __future__ import annotations
 
 from report.sections import (
     collisions,
+    gallery,
     garment_regressor,
     losses,
     motion_cvae,
     motion_invariant,
     shape_descriptor,
     simulation,
+    systems,
     timing,
 )
 from report.sections.blocks import Run, Section
 
 TOPICS = (
+    gallery,
     simulation,
     shape_descriptor,
     motion_invariant,
@@ -27,6 +30,7 @@ TOPICS = (
     garment_regressor,
     collisions,
     timing,
+    systems,
     losses,
 )
 """In the order of the page."""

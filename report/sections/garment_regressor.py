@@ -19,7 +19,7 @@ def section(run: Run) -> Section:
         "From body motion to garment vertices, on motions that were not trained on, with the base material. A "
         "learned regressor has to beat what needs no network.",
         [
-            run.pictures("error"),
+            run.pictures("error_still"),
             *charts,
             *run.table("garment_regressor"),
             *run.table("regressor_drift"),

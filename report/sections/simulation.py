@@ -20,12 +20,11 @@ def section(run: Run) -> Section:
         "rest, is led into its clip, and is checked against bounds of strain, penetration and speed before it "
         "may be called ground truth.",
         [
-            run.pictures("simulated"),
-            run.pictures("materials"),
+            run.pictures("contact"),
+            run.pictures("material"),
             *run.table("simulation", mark=False),
             *_dropped(run),
             _ranges(run),
-            run.pictures("contact"),
             *(Block("note", text=f"Not shown for {garment}: {text}.") for garment, text in run.files.absent()),
         ],
     )
