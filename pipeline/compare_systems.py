@@ -52,13 +52,17 @@ from pipeline.systems_data import (
     sizes,
     z_sources,
 )
-from pipeline.systems_spec import PAPER
 from report.camera import Framing, View
 from report.render import SceneRenderer, worn_colours
 from report.sheets import contact_sheet, write_image
 
 SHI, WANG, PENG, MA = "Shi 2023", "Wang 2019", "Peng 2023", "Ma 2019"
 FLOOR = "baseline"
+PAPERS = {"garment_regressor": SHI, "motion_invariant": WANG, "gsnet": PENG, "mesh_vae_gan": MA}
+"""Whose each model is, in the order of the inputs, of the table and of the picture."""
+
+PAPER = "paper"
+"""Variant that follows the paper."""
 
 TESTS = 12
 """Sequences of a split, evenly spread, that systems are tested on."""
@@ -95,8 +99,8 @@ def main(job: Job) -> None:
     body, template = job_body(job), GarmentTemplate.load(inputs.one())
     descriptor_path, codes_path, repeated, timing = (inputs.one() for _ in range(4))
     outfits = {kind: GarmentTemplate.load(path) for kind, path in inputs.named(spec["types"]).items()}
-    models = {model: inputs.named(variants[model]) for model in variants}
-    seconds = {model: {v: _seconds(p) for v, p in inputs.named(variants[model]).items()} for model in variants}
+    models = {model: inputs.named(variants[model]) for model in PAPERS}
+    seconds = {model: {v: _seconds(p) for v, p in inputs.named(variants[model]).items()} for model in PAPERS}
     below = _seconds(inputs.one())  # of the descriptor that Wang's autoencoders stand on
     shards = inputs.rest()
 
@@ -203,9 +207,8 @@ def draw(
     apart = [np.linalg.norm(s.vertices - skinned(s), axis=2).mean(axis=1) for s in candidates]
     number = int(np.argmax([a.max() for a in apart]))
     sequence, frame = candidates[number], int(apart[number].argmax())
-    papers = dict(zip(job.spec["variants"], (SHI, WANG, PENG, MA), strict=True))
     columns, lines = ["simulation"], {"as published": [truth], "ours": [truth]}
-    for model, paper in papers.items():
+    for model, paper in PAPERS.items():
         columns.append(paper)
         for line, variant in (("as published", PAPER), ("ours", use[model])):
             lines[line].append(named.get((paper, variant)))

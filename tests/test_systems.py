@@ -21,7 +21,7 @@ from geometry.mesh_hierarchy import build_hierarchy
 from models.gsnet_fitting import build_animator
 from models.mesh_vae_gan import MeshVaeGanConfig
 from models.mesh_vae_gan_fitting import build_mesh_vae_gan
-from pipeline import systems_spec
+from pipeline import compare_systems, systems_spec
 from pipeline.config import ConfigError, load_config
 from pipeline.systems_data import WornLayer, animator_predictor, material_predictor, nearest_type, z_sources
 from sim.parameters import base_parameters
@@ -196,6 +196,7 @@ def test_the_garment_of_the_comparison_is_a_tshirt(tmp_path):
 def test_the_comparison_knows_what_each_was_trained_on():
     config = load_config(FILES)
     spec = json.loads(systems_spec.compare_systems_spec(config))
+    assert tuple(compare_systems.PAPERS) == systems_spec.MODELS  # the order of the inputs
     assert spec["variants"]["garment_regressor"] == ["paper", "window", "conditioned"]
     assert all(used in spec["variants"][model] for model, used in spec["use"].items())
     trained = spec["trained_on"]
