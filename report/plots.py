@@ -103,7 +103,7 @@ def method_bars(rows: Sequence[Row], value: str, unit: str, group: str = "garmen
 
 
 def dimension_curves(rows: Sequence[Row], value: str, unit: str, dimension: str, method: str = "method") -> str:
-    """Error against the number of dimensions: a line a method with several sizes, a marker for one size."""
+    """Error against the number of dimensions, or of what the column counts: a line a method, a marker for one size."""
     panels = list(dict.fromkeys((r.get("garment"), r.get("split")) for r in rows))
     methods = list(dict.fromkeys(_family(r, method, dimension) for r in rows))
     columns = min(len(panels), 4)
@@ -125,12 +125,12 @@ def dimension_curves(rows: Sequence[Row], value: str, unit: str, dimension: str,
                     line = {"marker": "o", "ms": 3.5} if len(points) > 1 else {"marker": "D", "ms": 6, "ls": ""}
                     axes.plot(*zip(*points), label=name, color=PALETTE[k % len(PALETTE)], **line)
             axes.set_title(" · ".join(str(p).replace("_", " ") for p in panel if p))
-            axes.set_xlabel("dimensions")
+            axes.set_xlabel(dimension if dimension.endswith("s") else f"{dimension}s")
             if number % columns == 0:
                 axes.set_ylabel(unit)
             axes.set_ylim(bottom=0)
         _legend(figure, columns=3)
-        return svg(figure, f"dimension-{value}")
+        return svg(figure, f"{dimension}-{value}")
 
 
 def timing_bars(rows: Sequence[Row], value: str = "median_s_per_frame", label: str = "solver") -> str:

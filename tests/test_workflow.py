@@ -21,6 +21,8 @@ TABLES = (
     "descriptor_projection",
     "motion_invariant",
     "parameter_recovery",
+    "composition",
+    "inference",
     "motion_reconstruction",
     "motion_generation",
     "motion_quality",

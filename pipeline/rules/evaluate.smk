@@ -74,6 +74,33 @@ rule evaluate_motion_invariant:
         " --in {input.descriptor} {input.codes} {input.models} {input.shards} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
 
 
+rule evaluate_composition:
+    input:
+        shards=lambda w: shards(w, ("materials",)),
+        descriptor=model_file("shape_descriptor"),
+        codes=codes_file(),
+        motion_invariant=model_file("motion_invariant"),
+        long=test_shards()[1],
+        code=stage_sources("evaluate_composition"),
+    output:
+        part("composition"),
+        part("inference"),
+    log:
+        f"{RESULTS}/logs/evaluate_composition/{{garment}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/evaluate_composition/{{garment}}.tsv"
+    conda:
+        ENVIRONMENT
+    resources:
+        device=DEVICE,
+    params:
+        spec=lambda w: spec.encode_spec(config, w.garment),
+    shell:
+        "python -m pipeline.evaluate_composition --spec {params.spec:q} --out {output}"
+        " --in {input.descriptor} {input.codes} {input.motion_invariant} {input.long} {input.shards}"
+        " --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+
+
 rule evaluate_motion:
     input:
         motions=batches(),
@@ -188,6 +215,8 @@ TABLES = [
     "descriptor_projection",
     "motion_invariant",
     "parameter_recovery",
+    "composition",
+    "inference",
     "motion_reconstruction",
     "motion_generation",
     "motion_quality",

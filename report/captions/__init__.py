@@ -10,6 +10,7 @@ from collections import Counter
 
 from report.captions import (
     collisions,
+    composition,
     gallery,
     garment_regressor,
     losses,
@@ -31,6 +32,7 @@ TOPICS = (
     simulation,
     shape_descriptor,
     motion_invariant,
+    composition,
     motion_cvae,
     garment_regressor,
     collisions,

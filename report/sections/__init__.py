@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from report.sections import (
     collisions,
+    composition,
     gallery,
     garment_regressor,
     losses,
@@ -26,6 +27,7 @@ TOPICS = (
     simulation,
     shape_descriptor,
     motion_invariant,
+    composition,
     motion_cvae,
     garment_regressor,
     collisions,
