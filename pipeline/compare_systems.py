@@ -112,7 +112,6 @@ def main(job: Job) -> None:
     own = spec["trained_on"]
 
     systems = floors(training, again, body, template, wearing, _simulator_ms(timing), own["own motions"])
-    del training
     for variant, path in models["garment_regressor"].items():
         regressor = load_variant(variant, path)
         told = isinstance(regressor, ConditionedRegressor)
@@ -139,9 +138,13 @@ def main(job: Job) -> None:
         costs = _costs(sizes(worn.network), own["layers"], seconds["mesh_vae_gan"][variant], saw=False)
         shared = {"published": variant == PAPER, "costs": costs}
         systems.append(System(MA, variant, worn.predict, "pose and type", points=worn.points, **shared))
+        fitted, name = worn.with_mean_residual(training), f"{variant} + mean residual"
+        own_costs = {"costs": costs | {"saw_this_garment": True}, "points": fitted.points}
+        systems.append(System(MA, name, fitted.predict, "pose, type, mean of this garment", **shared | own_costs))
         through = f"{variant}, reconstruction"
         points = worn.reconstructed_points
         systems.append(System(MA, through, worn.reconstructed, "the truth", points=points, timed=False, **shared))
+    del training
 
     progress = Progress("compare systems", len(test) * len(systems), "sequences")
     settings = RegressorEvaluation(

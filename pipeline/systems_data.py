@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence as Many
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -35,6 +36,9 @@ from models.motion_invariant import MotionInvariantNetwork
 from models.shape_descriptor import ShapeDescriptor
 from pipeline.garment_data import autoencoder_predictor, world_vertices
 from pipeline.intrinsic_data import all_codes, intrinsic_frames, varied_parameters
+
+RESIDUAL_CLIPS, RESIDUAL_STRIDE = 24, 6
+"""Training clips, evenly spread, and frames of each that tell a mean residual."""
 
 LATENT_FRAMES = 2000
 """Frames, evenly spread, that tell the z of a material."""
@@ -101,11 +105,37 @@ class WornLayer:
         body: The body.
         kind: Type of clothing.
         wearing: The garment's points over the body vertices that the type's outer garment covers.
+        residual: Added to what the network says of them in the unposed space [m], shape [C, 3].
     """
 
-    def __init__(self, network: MeshVaeGan, body: Body, kind: str, wearing: LayerWearing) -> None:
+    def __init__(
+        self,
+        network: MeshVaeGan,
+        body: Body,
+        kind: str,
+        wearing: LayerWearing,
+        residual: np.ndarray | float = 0.0,
+    ) -> None:
         self.network, self.body, self.kind, self.wearing = network, body, kind, wearing
-        self.active = network.hierarchy.levels[0]
+        self.active, self.residual = network.hierarchy.levels[0], residual
+
+    def with_mean_residual(self, training: Many[Sequence]) -> WornLayer:
+        """With the mean of what the true layer of the garment's own clips has over zero z.
+
+        It learned on outfits of another cut and fabric, and cannot be told of these: what that costs is told apart.
+        """
+        chosen = np.unique(np.arange(RESIDUAL_CLIPS) * len(training) // RESIDUAL_CLIPS)
+        left = []
+        for sequence in (training[i] for i in chosen):
+            some = replace(
+                sequence, **{n: getattr(sequence, n)[::RESIDUAL_STRIDE] for n in ("vertices", "pose", "root", "joints")}
+            )
+            true = self._true(some)
+            if true is not None:
+                left.append(true - self._generated(some)[:, self.wearing.layer.covered])
+        if not left:
+            raise ValueError(f"garment '{self.wearing.template.name}': no training clip is a layer of the body")
+        return WornLayer(self.network, self.body, self.kind, self.wearing, np.concatenate(left).mean(axis=0))
 
     def points(self, sequence: Sequence) -> np.ndarray:
         """The points over the body [m], [T, C, 3], that zero z, pose and type say."""
@@ -120,12 +150,10 @@ class WornLayer:
 
         None where a joint is twisted so far that its skinning cannot be undone.
         """
-        whole, layer = self._generated(sequence), BodyLayer(self.wearing.layer, self.body)
-        try:
-            true = layer.displacements(sequence.vertices, sequence.pose, sequence.root)
-        except ValueError as error:
-            print(f"[compare systems] {sequence.clip} is not reconstructed: {error}", flush=True)
+        true = self._true(sequence)
+        if true is None:
             return None
+        whole = self._generated(sequence)
         whole[:, self.wearing.layer.covered] = true
         back = np.zeros_like(whole)
         back[:, self.active] = self.network.reconstruct(
@@ -138,9 +166,20 @@ class WornLayer:
         points = self.reconstructed_points(sequence)
         return None if points is None else self.wearing.garment(points, sequence.pose, sequence.root)
 
+    def _true(self, sequence: Sequence) -> np.ndarray | None:
+        """The simulated garment's layer in the unposed space [m], [T, C, 3]."""
+        layer = BodyLayer(self.wearing.layer, self.body)
+        try:
+            return layer.displacements(sequence.vertices, sequence.pose, sequence.root)
+        except ValueError as error:
+            print(f"[compare systems] {sequence.clip} has no layer: {error}", flush=True)
+            return None
+
     def _generated(self, sequence: Sequence) -> np.ndarray:
         z = np.zeros((sequence.frames, self.network.config.latent))
-        return self.network.generate(z, sequence.pose, [self.kind] * sequence.frames)
+        whole = self.network.generate(z, sequence.pose, [self.kind] * sequence.frames)
+        whole[:, self.wearing.layer.covered] += self.residual
+        return whole
 
     def _worn(self, whole: np.ndarray, sequence: Sequence) -> np.ndarray:
         return dressed_body(self.body, whole, sequence.pose, sequence.root)[:, self.wearing.layer.covered]
