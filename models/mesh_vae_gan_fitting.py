@@ -42,7 +42,7 @@ from models.training import (
 
 KIND = "mesh_vae_gan"
 FOLDS = 4
-"""Parts that the training clips are divided into: what a regression on the others leaves over of each is kept."""
+"""Parts that the training labels are divided into: what a regression on the others leaves over of each is kept."""
 RIDGES = (3.0e-3, 3.0e-2, 0.3, 3.0)
 """Penalties that are tried, a share of the features' own variance."""
 SAMPLED = 16
@@ -187,8 +187,9 @@ def _anchor(module: MeshVaeGan, data: Tensor, pose: Tensor, types: Tensor, clips
     """Set the regression of ``anchored`` and the bases of what it leaves over on clips it was not fitted to."""
     flat = ((data - module.mean) / module.scale).flatten(1).numpy()
     inputs = regression_inputs(pose, types).numpy().astype(np.float64)
-    names = sorted(set(clips.tolist()))
-    fold = np.array([names.index(clip) % FOLDS for clip in clips.tolist()])
+    labels = [clip.rsplit("_", 1)[0] for clip in clips.tolist()]  # another clip of a label is hardly unseen
+    names = sorted(set(labels))
+    fold = np.array([names.index(label) % FOLDS for label in labels])
     if len(names) < 2:  # nothing unseen to learn from
         fold = np.arange(len(clips)) % FOLDS
     penalised = np.ones(inputs.shape[1])

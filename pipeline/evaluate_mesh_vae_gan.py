@@ -26,11 +26,8 @@ from pipeline.layer_data import job_layers
 from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage
 
-SCENARIOS = {
-    UNSEEN_MOTIONS: "seen body, unseen clip",
-    UNSEEN_BODIES: "unseen body, seen clip",
-    UNSEEN_BODIES_AND_MOTIONS: "both unseen",
-}
+SCENARIOS = (UNSEEN_MOTIONS, UNSEEN_BODIES, UNSEEN_BODIES_AND_MOTIONS)
+"""Seen subject and unseen sequence, unseen subject and seen sequence, both unseen."""
 MOST_FRAMES = 200
 """Frames of a scenario, evenly spread."""
 TIMED = 20
@@ -49,7 +46,7 @@ def main(job: Job) -> None:
     }
     examples = job_layers(job, job.inputs[count:])
     training = examples.chosen(examples.split == TRAIN)
-    tests = {name: scenario_frames(examples, split) for split, name in SCENARIOS.items()}
+    tests = {split: scenario_frames(examples, split) for split in SCENARIOS}
     tests = {name: frames for name, frames in tests.items() if len(frames)}
     if not tests:
         raise ValueError("mesh VAE-GAN: no held-out frame was simulated, there is nothing to evaluate on")
@@ -80,7 +77,7 @@ def reconstruction_rows(
 ) -> list[Row]:
     """Table 1: a row for every scenario and method."""
     rows: list[Row] = []
-    for scenario, frames in tests.items():
+    for split, frames in tests.items():
         covered = frames.covered[frames.type_index]
         truth = wrinkles.distribution(wrinkles.angles(frames.displacements), covered)
         for name, (through, parameters) in methods.items():
@@ -89,13 +86,13 @@ def reconstruction_rows(
             bent = wrinkles.distribution(wrinkles.angles(found), covered)
             rows.append(
                 {
-                    "scenario": scenario,
+                    "split": split,
                     "method": name,
                     "in_use": name == use,
                     "frames": len(frames),
                     "error_mm": 1e3 * errors.mean,
                     "error_deviation_mm": 1e3 * errors.deviation,
-                    "wrinkle_distance_deg": distribution_distance(bent, truth),
+                    "wrinkle_error_degrees": distribution_distance(bent, truth),
                     "parameters": parameters,
                 }
             )
@@ -125,12 +122,11 @@ def generation_rows(
             {
                 "method": name,
                 "frames": len(layers),
-                "wrinkle_distance_deg": distribution_distance(wrinkles.distribution(bent, covered), truth),
-                "judge_accuracy_percent": 100.0
-                * judge_accuracy(seen, wrinkles.statistics(bent, covered), sequences, seed)
+                "wrinkle_error_degrees": distribution_distance(wrinkles.distribution(bent, covered), truth),
+                "judge_right_percent": 100.0 * judge_accuracy(seen, wrinkles.statistics(bent, covered), sequences, seed)
                 if len(set(sequences)) > 1
                 else None,
-                "time_ms": milliseconds,
+                "time_ms_per_frame": milliseconds,
                 "vertices": len(body.vertices),
             }
         )

@@ -85,8 +85,9 @@ def draw(job: Job, folder: Path) -> None:
     entries = [
         _types_by_codes(painter, network, other, types, z, folder),
         _poses_by_codes(painter, network, other, frames, z, folder),
-        _between_types(painter, network, other, types, z[0], folder),
     ]
+    if len(types) > 1:
+        entries.append(_between_types(painter, network, other, types, z[0], folder))
     write_text(folder / "figures.json", json.dumps({"garment": "layer", "figures": entries}, indent=1))
 
 
@@ -97,8 +98,8 @@ def _types_by_codes(painter, network: MeshVaeGan, body: Body, types: list[str], 
     for kind in types:
         dressed = dressed_body(body, network.generate(z, pose, [kind] * len(z)), pose, np.zeros((len(z), 3)))
         rows.append([painter.draw(one, painter.worn[kind]) for one in dressed])
-    return _written(folder, "types", rows, types, z, "Types of clothing, each with the same random z in a column, on a "
-                    "body that was not trained on.")  # fmt: skip
+    return _written(folder, "types", "Types and z", rows, types, z, "A type of clothing a row, the same random z in a "
+                    "column, on a body that was not trained on.")  # fmt: skip
 
 
 def _poses_by_codes(
@@ -116,8 +117,8 @@ def _poses_by_codes(
         dressed = dressed_body(body, network.generate(z, pose, [kind] * len(z)), pose, root)
         rows.append([painter.draw(one, painter.worn[kind]) for one in dressed])
         labels.append(clip.rsplit("_", 1)[0])
-    return _written(folder, "poses", rows, labels, z, f"Poses of clips that were not trained on in a row, random z in "
-                    f"a column; {kind}.")  # fmt: skip
+    return _written(folder, "poses", "Poses and z", rows, labels, z, "A pose of a clip that was not trained on a row, "
+                    f"the same random z in a column; {kind}.")  # fmt: skip
 
 
 def _between_types(painter, network: MeshVaeGan, body: Body, types: list[str], z: np.ndarray, folder: Path) -> dict:
@@ -135,20 +136,22 @@ def _between_types(painter, network: MeshVaeGan, body: Body, types: list[str], z
         row.append(painter.draw(one, painter.worn[first if share < 0.5 else last]))
     image = contact_sheet([row], [f"{first} to {last}"], [f"{100 * share:.0f}%" for share in shares])
     write_image(folder / "between.webp", image)
-    return _entry("between", image, f"From {first} to {last} at one z and one pose.")
+    return _entry("between", "Between two types", image, f"From {first} to {last} at one z and one pose.")
 
 
-def _written(folder: Path, name: str, rows: list, labels: list[str], z: np.ndarray, caption: str) -> dict:
+def _written(folder: Path, name: str, title: str, rows: list, labels: list[str], z: np.ndarray, caption: str) -> dict:
     image = contact_sheet(rows, labels, [f"z {k + 1}" for k in range(len(z))])
     write_image(folder / f"{name}.webp", image)
-    return _entry(name, image, caption)
+    return _entry(name, title, image, caption)
 
 
-def _entry(name: str, image: np.ndarray, caption: str) -> dict:
+def _entry(name: str, title: str, image: np.ndarray, caption: str) -> dict:
     return {
         "file": f"{name}.webp",
-        "kind": name,
+        "kind": f"layer_{name}",
+        "title": title,
         "caption": caption,
+        "alt": f"Bodies in generated clothing. {caption}",
         "width": int(image.shape[1]),
         "height": int(image.shape[0]),
         "animated": False,

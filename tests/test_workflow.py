@@ -30,6 +30,9 @@ TABLES = (
     "regressor_drift",
     "collision_tuning",
     "timing",
+    "mesh_vae_gan",
+    "mesh_vae_gan_generation",
+    "layer_transfer",
 )
 
 

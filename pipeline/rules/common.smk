@@ -102,6 +102,7 @@ def losses():
     for garment in GARMENTS:
         for model in ("shape_descriptor", "motion_invariant", "garment_regressor"):
             trainings += [f"{garment}/{model}/{variant}" for variant in spec.trained_variants(config, model)]
+    trainings += [f"mesh_vae_gan/{variant}" for variant in spec.trained_variants(config, "mesh_vae_gan")]
     return [f"{RESULTS}/training/{training}/losses.csv" for training in trainings]
 
 

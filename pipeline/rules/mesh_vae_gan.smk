@@ -1,5 +1,5 @@
 # Clothing as a layer on the body mesh (Ma 2019): outfits simulated on sampled bodies, brought to the body's topology,
-# learned by a conditional Mesh VAE-GAN. A target of its own.
+# learned by a conditional Mesh VAE-GAN.
 
 
 wildcard_constraints:

@@ -52,7 +52,8 @@ rule render_descriptor:
 rule report:
     input:
         tables=rules.tables.input,
-        figures=expand(f"{RESULTS}/figures/{{garment}}{{of}}", garment=GARMENTS, of=["", "_descriptor"]),
+        figures=expand(f"{RESULTS}/figures/{{garment}}{{of}}", garment=GARMENTS, of=["", "_descriptor"])
+        + [f"{RESULTS}/figures/mesh_vae_gan"],
         losses=losses(),
         code=stage_sources("report"),
     output:

@@ -14,6 +14,7 @@ from report.captions import (
     gallery,
     garment_regressor,
     losses,
+    mesh_vae_gan,
     motion_cvae,
     motion_invariant,
     run,
@@ -37,6 +38,7 @@ TOPICS = (
     garment_regressor,
     collisions,
     timing,
+    mesh_vae_gan,
     systems,
     losses,
 )

@@ -13,6 +13,7 @@ from report.sections import (
     gallery,
     garment_regressor,
     losses,
+    mesh_vae_gan,
     motion_cvae,
     motion_invariant,
     shape_descriptor,
@@ -32,6 +33,7 @@ TOPICS = (
     garment_regressor,
     collisions,
     timing,
+    mesh_vae_gan,
     systems,
     losses,
 )
