@@ -117,7 +117,7 @@ def main(job: Job) -> None:
         told = isinstance(regressor, ConditionedRegressor)
         trained = own["own, all" if told else "own motions"]
         costs = _costs(sizes(regressor), trained, seconds["garment_regressor"][variant])
-        what = "motion and material" if told else "motion"
+        what = "motion, material" if told else "motion"
         systems.append(System(SHI, variant, regressor_predictor(regressor), what, variant == PAPER, costs=costs))
     descriptor = load_shape_descriptor(descriptor_path, template.faces)
     coded = job_codes(job, codes_path, descriptor_path, (TRAIN, UNSEEN_PARAMETERS))
@@ -126,21 +126,21 @@ def main(job: Job) -> None:
         network = load_motion_invariant(path)
         costs = _costs(sizes(network, descriptor), own["own materials"], seconds["motion_invariant"][variant] + below)
         predict = material_predictor(network, descriptor, sources)
-        systems.append(System(WANG, variant, predict, "motion and z of other clips", variant == PAPER, costs=costs))
+        systems.append(System(WANG, variant, predict, "motion, z of other clips", variant == PAPER, costs=costs))
     for variant, path in models["gsnet"].items():
         animator = load_animator(path)
         costs = _costs(sizes(animator), own["wardrobe"], seconds["gsnet"][variant], saw=False)
         predict = animator_predictor(animator, template, body)
-        what = "motion, material and template"
+        what = "motion, material, template"
         systems.append(System(PENG, variant, predict, what, variant == PAPER, costs=costs))
     for variant, path in models["mesh_vae_gan"].items():
         worn = WornLayer(load_mesh_vae_gan(path, body), body, kind, wearing)
         costs = _costs(sizes(worn.network), own["layers"], seconds["mesh_vae_gan"][variant], saw=False)
         shared = {"published": variant == PAPER, "costs": costs}
-        systems.append(System(MA, variant, worn.predict, "pose and type", points=worn.points, **shared))
+        systems.append(System(MA, variant, worn.predict, "pose, type", points=worn.points, **shared))
         fitted, name = worn.with_mean_residual(training), f"{variant} + mean residual"
         own_costs = {"costs": costs | {"saw_this_garment": True}, "points": fitted.points}
-        systems.append(System(MA, name, fitted.predict, "pose, type, mean of this garment", **shared | own_costs))
+        systems.append(System(MA, name, fitted.predict, "pose, type, mean", **shared | own_costs))
         through = f"{variant}, reconstruction"
         points = worn.reconstructed_points
         systems.append(System(MA, through, worn.reconstructed, "the truth", points=points, timed=False, **shared))
@@ -190,7 +190,7 @@ def floors(
     pca = PcaFloor(dimensions).fit(training)
     return [
         blind("simulation", lambda s: s.vertices, "the truth", costs={"time_ms_per_frame": simulator_ms}),
-        blind("simulated again (chaos floor)", simulated_again, "motion and material"),
+        blind("simulated again (chaos floor)", simulated_again, "motion, material"),
         blind("linear blend skinning", skinned, "pose", timed=True),
         blind("linear blend skinning + mean residual", residual.predict, "pose", timed=True, costs=seen),
         blind("ridge regression, pose history", ridge.predict, "motion", timed=True, costs=seen),

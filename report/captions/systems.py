@@ -29,7 +29,7 @@ CAPTIONS: dict[str, Caption] = {
             "split",
             "paper",
             "method",
-            "published",
+            "told",
             "error_mm",
             "layer_error_mm",
             "edge_mm",
@@ -39,9 +39,6 @@ CAPTIONS: dict[str, Caption] = {
             "time_ms_per_frame",
             "parameters",
             "training_s",
-            "trained_garments",
-            "trained_sequences",
-            "told",
         ),
     ),
     "pictures_systems": Caption(
