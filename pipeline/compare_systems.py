@@ -47,6 +47,7 @@ from pipeline.stage import Job, run_stage
 from pipeline.systems_data import (
     WornLayer,
     animator_predictor,
+    check_shards,
     material_predictor,
     nearest_type,
     sizes,
@@ -104,6 +105,7 @@ def main(job: Job) -> None:
     below = _seconds(inputs.one())  # of the descriptor that Wang's autoencoders stand on
     shards = inputs.rest()
 
+    check_shards([repeated, *shards], template)
     training, test = _sequences(job, shards)
     layer = cast_layer(template, body)
     kind, trusted = nearest_type(layer, outfits, body)

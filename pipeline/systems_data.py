@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from collections.abc import Sequence as Many
 from dataclasses import replace
 
@@ -21,7 +22,7 @@ from torch import nn
 from body.model import Body
 from datasets.codes import CodedSequence
 from datasets.sequences import Sequence
-from datasets.shards import MOTIONS
+from datasets.shards import MOTIONS, read_header
 from datasets.splits import TRAIN, UNSEEN_PARAMETERS
 from evaluation.regressor import Predictor
 from garments.body_layer import BodyLayer, LayerMap, cast_layer, dressed_body
@@ -206,6 +207,19 @@ def sizes(*modules: nn.Module) -> dict[str, int]:
         made["parameters"] += sum(p.numel() for n, p in module.named_parameters() if not n.startswith(judge))
         made["stored_numbers"] += sum(v.numel() for n, v in module.state_dict().items() if not n.startswith(judge))
     return made
+
+
+def check_shards(paths: Iterable[str], template: GarmentTemplate) -> None:
+    """``ValueError`` in one sentence where a shard is not of the template, or not on its body."""
+    for path in paths:
+        header = read_header(path)
+        same = np.array_equal(header.template_vertices, template.vertices)
+        same = same and np.array_equal(header.template_faces, template.faces)
+        if header.garment != template.name or header.body_digest != template.body_digest or not same:
+            raise ValueError(
+                f"{path}: simulations of garment '{header.garment}' on body {header.body_digest}, expected those "
+                f"of the template '{template.name}' on body {template.body_digest}; make both again"
+            )
 
 
 def z_sources(coded: Many[CodedSequence]) -> list[CodedSequence]:

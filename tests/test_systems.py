@@ -11,6 +11,7 @@ import pytest
 
 from body.model import Body, skin
 from datasets.sequences import Sequence
+from datasets.shards import ShardHeader, ShardWriter
 from evaluation.regressor import RegressorEvaluation
 from evaluation.systems import System, system_rows
 from garments.body_layer import cast_layer
@@ -23,7 +24,14 @@ from models.mesh_vae_gan import MeshVaeGanConfig
 from models.mesh_vae_gan_fitting import build_mesh_vae_gan
 from pipeline import compare_systems, systems_spec
 from pipeline.config import ConfigError, load_config
-from pipeline.systems_data import WornLayer, animator_predictor, material_predictor, nearest_type, z_sources
+from pipeline.systems_data import (
+    WornLayer,
+    animator_predictor,
+    check_shards,
+    material_predictor,
+    nearest_type,
+    z_sources,
+)
 from sim.parameters import base_parameters
 from tests.conftest import ROOT
 
@@ -137,6 +145,28 @@ def test_a_network_of_another_body_is_refused(shirt, body):
     animator = build_animator("gsnet", {"materials": ("bend",), "body": "another", "hidden": (8, 8), "heads": 1})
     with pytest.raises(ValueError, match="trained on body another, asked for body"):
         animator_predictor(animator, shirt, body)
+
+
+def test_simulations_of_another_garment_or_body_are_refused(shirt, body, tmp_path):
+    def shard(name: str, template: GarmentTemplate, digest: str) -> str:
+        shared = {"plan": "motions", "solver_version": "1", "seed": 1, "fps": 30.0, "spec": "{}", "pinned": np.zeros(0)}
+        shared |= {"body_name": "small", "body_faces": body.faces, "body_shape": np.zeros(0)}
+        shared |= {f"parameter_{kind}": () for kind in ("names", "units", "groups")}
+        mesh = {"template_vertices": template.vertices, "template_faces": template.faces}
+        with ShardWriter(tmp_path / f"{name}.h5", ShardHeader(template.name, body_digest=digest, **shared, **mesh)):
+            return str(tmp_path / f"{name}.h5")
+
+    own = shard("own", shirt, body.digest)
+    check_shards([own], shirt)
+    for name, template, digest in (
+        ("body", shirt, "another"),
+        ("name", replace(shirt, name="blouse"), body.digest),
+        ("cut", replace(shirt, vertices=1.01 * shirt.vertices), body.digest),
+    ):
+        with pytest.raises(
+            ValueError, match=rf"{name}\.h5: simulations of garment '\w+' on body \w+, expected the temp"
+        ):
+            check_shards([own, shard(name, template, digest)], shirt)
 
 
 def test_z_never_comes_from_a_test_sequence():
