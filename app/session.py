@@ -1,0 +1,393 @@
+"""What is being made in the app, without a browser: a motion, a garment, its keyframes, and the sequence they give.
+
+``runtime.composing`` says what a frame looks like. Here frames are kept until an edit makes them stale, and made again:
+at once that which is looked at, and all others a few at a time, so that an edit in between never waits long.
+
+Every keyframe has the intrinsic parameters that it is of or nearest to. Changing one of them moves z as far as the z of
+the parameters moves, so that a shape keeps what it has beyond its parameters.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from app.materials import Material, nearest_parameters
+from formats.animation import Animation
+from formats.keyframe import read_keyframe
+from formats.motion_file import read_motion
+from motions.clip import Clip
+from runtime.composing import ComposedFrame, Composer
+from runtime.dressing import Wearing, dressed_animation
+from runtime.finished_run import FinishedRun
+from runtime.intrinsic_space import IntrinsicSpace
+from runtime.keyframes import Keyframe
+from runtime.motion_making import generated_clip
+from sim.parameters import parameter
+
+FRAMES = 240
+"""Length of a generated motion, at first."""
+
+LONGEST = 3000
+"""Frames of a motion, at most: a hundred seconds at 30 frames a second."""
+
+BLOCK = 8
+"""Frames that are decoded at once."""
+
+WORKERS = 2
+"""Threads that make frames again: most of the time is spent outside of Python's lock."""
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """One frame as it is seen.
+
+    Attributes:
+        frame: Its number.
+        garment: Vertices in the world [m], shape [V, 3].
+        body: The same of the body, shape [B, 3].
+        inside: Numbers of the garment's vertices that are inside the body, or were before they were taken out.
+    """
+
+    frame: int
+    garment: np.ndarray
+    body: np.ndarray
+    inside: np.ndarray
+
+
+class Session:
+    """One user's work on a finished run. Methods may be called from any thread.
+
+    Args:
+        run: The finished run.
+        garment: Garment to begin with; the run's first where None.
+        label: Label of the motion to begin with; the generator's first where None.
+        frames: Length of that motion.
+        seed: Of that motion.
+
+    Raises:
+        ValueError: The run lacks what is needed, and what to run; an unknown garment or label, and the known ones.
+    """
+
+    def __init__(
+        self,
+        run: FinishedRun,
+        garment: str | None = None,
+        label: str | None = None,
+        frames: int = FRAMES,
+        seed: int = 0,
+    ) -> None:
+        self.run = run
+        self.garments = tuple(run.config["garments"])
+        self.labels = tuple(run.generator.config.labels)
+        self.refine = True
+        self.version = 0
+        self._composer: Composer | None = None
+        self._counting, self._work = threading.Lock(), threading.RLock()
+        space = IntrinsicSpace(run.garment(garment or self.garments[0]))
+        self._start(Composer(space, self._generated(label or self.labels[0], frames, seed)), {})
+
+    @property
+    def garment(self) -> str:
+        """Name of the garment."""
+        return self._composer.space.garment.name
+
+    @property
+    def faces(self) -> np.ndarray:
+        """Triangles of the garment, shape [F, 3]."""
+        return self._composer.space.garment.template.faces
+
+    @property
+    def clip(self) -> Clip:
+        """The motion."""
+        return self._composer.clip
+
+    @property
+    def frames(self) -> int:
+        """Length of the motion T."""
+        return self._composer.frames
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Intrinsic parameters that the model was told, and between what it was trained."""
+        ranges = self._composer.space.garment.ranges
+        return {name: ranges[name] for name in self._composer.space.tellable}
+
+    @property
+    def keyframes(self) -> tuple[Keyframe, ...]:
+        """The keyframes by frame number."""
+        return self._composer.keyframes
+
+    @property
+    def made(self) -> float:
+        """Share of the frames that are as the keyframes say."""
+        return float(self._fresh.mean())
+
+    def keyframe(self, frame: int) -> Keyframe | None:
+        """The keyframe of a frame, or None."""
+        return next((key for key in self.keyframes if key.frame == frame), None)
+
+    def parameters_at(self, frame: int) -> dict[str, float]:
+        """The intrinsic parameters that the garment has in a frame, or is nearest to."""
+        return dict(self._material_at(frame).parameters)
+
+    def latent(self, frame: int) -> np.ndarray:
+        """z of a frame, shape [Z]."""
+        self._check_frame(frame)
+        return self._composer.latents(np.array([frame]))[0]
+
+    def insert(self, frame: int) -> Keyframe:
+        """A keyframe of the shape that the frame has at present: nothing changes until it is edited."""
+        self._check_frame(frame)
+        there = self.keyframe(frame)
+        if there is not None:
+            return there
+        material = self._material_at(frame)
+        origin = "material" if material.exact else "shape in between"
+        return self._put(Keyframe(frame, self.latent(frame), None, origin), material)
+
+    def insert_latent(self, frame: int, latent: np.ndarray, origin: str) -> Keyframe:
+        """A keyframe of a point of the latent space, such as a candidate; takes the place of one that is there."""
+        self._check_frame(frame)
+        parameters = nearest_parameters(self._composer.space, latent)
+        return self._put(Keyframe(frame, latent, None, origin), Material(parameters, False))
+
+    def insert_parameters(self, frame: int, changed: Mapping[str, float]) -> Keyframe:
+        """A keyframe with some intrinsic parameters changed; the rest of what it is stays.
+
+        Raises:
+            ValueError: A parameter or a value that the model was not trained on; says between what it was.
+        """
+        before, there = self._material_at(frame), self.keyframe(frame)
+        for name, value in changed.items():
+            if name not in self.ranges:
+                raise ValueError(f"'{self.garment}' was trained on samples of {', '.join(self.ranges)}, not of {name}")
+            low, high = self.ranges[name]
+            if not low * (1 - 1e-6) <= value <= high * (1 + 1e-6):
+                unit = parameter(name).unit
+                raise ValueError(
+                    f"{name}: '{self.garment}' was trained on {low:g} to {high:g} {unit}, not on {value:g}"
+                )
+        after = dict(before.parameters) | {name: float(value) for name, value in changed.items()}
+        latent = self._latent_of(after)
+        if not before.exact:
+            latent = self.latent(frame) + latent - self._latent_of(before.parameters)
+        origin = "material" if there is None or before.exact else there.origin.removesuffix(", changed") + ", changed"
+        detail = None if there is None else there.detail
+        return self._put(Keyframe(frame, latent, detail, origin), Material(after, before.exact))
+
+    def insert_mesh(self, frame: int, path: Path) -> Keyframe:
+        """A keyframe of a mesh file: the garment's own mesh in another shape, on the body as it is in that frame.
+
+        Raises:
+            ValueError: Not such a mesh; one sentence that names the file.
+        """
+        self._check_frame(frame)
+        vertices = read_keyframe(path, self.faces, len(self._composer.space.garment.template.vertices))
+        with self._work:
+            key = self._composer.add_shape(frame, vertices, origin=path.name)
+        return self._put(key, Material(nearest_parameters(self._composer.space, key.latent), False))
+
+    def delete(self, frame: int) -> None:
+        """Take a keyframe away; ``ValueError`` lists them where there is none."""
+        with self._work:
+            self._composer.delete(frame)
+            self._materials.pop(frame, None)
+        self._changed()
+
+    def move(self, frame: int, to: int) -> Keyframe:
+        """Move a keyframe to another frame that has none."""
+        if to != frame and self.keyframe(to) is not None:
+            raise ValueError(f"frame {to} has a keyframe already; delete it first")
+        with self._work:
+            key = self._composer.move(frame, to)
+            self._materials[key.frame] = self._materials.pop(frame)
+        self._changed()
+        return key
+
+    def candidates(self, seeds: range) -> np.ndarray:
+        """Points of the latent space where garments of sampled materials are, shape [n, Z]."""
+        return np.stack([self._composer.space.candidate(seed) for seed in seeds])
+
+    def look_of(self, frame: int, latents: np.ndarray) -> list[Look]:
+        """What garments of each of ``latents [n, Z]`` look like in a frame."""
+        self._check_frame(frame)
+        with self._work:
+            made = [self._composer.alone(latent).frame(frame, self.refine) for latent in latents]
+        return [Look(frame, one.vertices, one.body, np.flatnonzero(one.inside)) for one in made]
+
+    def look(self, frame: int) -> Look:
+        """A frame as it is now; made at once where it is stale."""
+        self._check_frame(frame)
+        version, kept = self._kept(frame)
+        if kept is not None:
+            return kept
+        with self._work:
+            made = self._composer.frame(frame, self.refine)
+        return self._keep(frame, made, version)
+
+    def remake(self, first: int = 0, progress: Callable[[float], None] | None = None) -> bool:
+        """Make all stale frames, from ``first`` on and then those before it, on two threads.
+
+        Args:
+            first: Where to begin, such as the frame that is looked at.
+            progress: Told the share of frames that are made; from any thread.
+
+        Returns:
+            Whether all are; False where an edit came in between.
+        """
+        with self._work:
+            version, refine = self.version, self.refine
+            twins = [self._composer.twin(refiner) for refiner in self._refiners]
+            stale = np.flatnonzero(~self._fresh)
+        stale = np.roll(stale, -np.searchsorted(stale, first))
+        blocks = deque(stale[start : start + BLOCK] for start in range(0, len(stale), BLOCK))
+
+        def work(composer: Composer) -> None:
+            while blocks:
+                try:
+                    block = blocks.popleft()
+                except IndexError:
+                    return
+                for frame, made in zip(block, composer.some_frames(block, refine), strict=True):
+                    self._keep(int(frame), made, version)
+                    if version != self.version:
+                        return
+                if progress:
+                    progress(self.made)
+
+        with ThreadPoolExecutor(WORKERS) as pool:
+            for done in [pool.submit(work, twin) for twin in twins]:
+                done.result()
+        return version == self.version and bool(self._fresh.all())
+
+    def set_refine(self, on: bool) -> None:
+        """Whether garments are taken out of the body."""
+        if on != self.refine:
+            with self._work:
+                self.refine = on
+            self._changed()
+
+    def use_garment(self, name: str) -> list[int]:
+        """Another garment. Keyframes that are materials go with it; what other keyframes are, it does not know.
+
+        Returns:
+            Frames of the keyframes that were given up.
+        """
+        composer = Composer(IntrinsicSpace(self.run.garment(name)), self.clip)
+        with self._work:
+            given_up = [key.frame for key in self.keyframes if not self._materials[key.frame].exact]
+            kept = {frame: m.parameters for frame, m in self._materials.items() if m.exact}
+            self._start(composer, {})
+            for frame, parameters in sorted(kept.items()):
+                asked = {name: parameters[name] for name in self.ranges if name in parameters}
+                fitting = {name: float(np.clip(value, *self.ranges[name])) for name, value in asked.items()}
+                values = self._base() | fitting
+                self._put(Keyframe(frame, self._latent_of(values), None, "material"), Material(values, True))
+        return given_up
+
+    def use_label(self, label: str, frames: int, seed: int) -> None:
+        """A generated motion in place of this one; see :meth:`use_clip`."""
+        self.use_clip(self._generated(label, frames, seed))
+
+    def use_motion_file(self, path: Path) -> None:
+        """The motion of a file in place of this one: BVH, AMASS or our own; see :meth:`use_clip`."""
+        self.use_clip(read_motion(path, self.run.fps, self.run.body))
+
+    def use_clip(self, clip: Clip) -> None:
+        """Another motion. Keyframes stay what they are, at the same share of its length.
+
+        Raises:
+            ValueError: It is too long or too short.
+        """
+        if not 2 <= clip.frames <= LONGEST:
+            raise ValueError(f"motion '{clip.name}' has {clip.frames} frames, allowed are 2 to {LONGEST}")
+        with self._work:
+            composer = self._composer.with_motion(clip)
+            scale = (composer.frames - 1) / (self.frames - 1)
+            self._start(composer, {round(frame * scale): m for frame, m in sorted(self._materials.items())})
+
+    def animation(self) -> Animation:
+        """All of it, to be saved; frames that are stale are made first."""
+        while not self.remake():
+            pass
+        with self._work:
+            garments, bodies = (np.stack(part) for part in zip(*((look.garment, look.body) for look in self._looks)))
+            notes: dict[str, str | float] = {"solver": "composed"}
+            notes |= {f"keyframe_{key.frame}": key.origin for key in self.keyframes}
+            wearing = Wearing(self._composer.space.garment)
+            name = f"{self.garment}_{self.clip.name}"
+            return dressed_animation(name, self.clip, wearing, garments, bodies, notes)
+
+    def _generated(self, label: str, frames: int, seed: int) -> Clip:
+        if not 2 <= frames <= LONGEST:
+            raise ValueError(f"a motion of {frames} frames: allowed are 2 to {LONGEST}")
+        run, randomness = self.run, torch.Generator().manual_seed(seed)
+        return generated_clip(
+            run.generator, [label], frames, run.segment, run.fps, run.body, randomness, f"{label}_{seed}"
+        )
+
+    def _start(self, composer: Composer, materials: dict[int, Material]) -> None:
+        """Begin with another garment or motion."""
+        garment = composer.space.garment
+        with self._counting:
+            if self._composer is None or self._composer.space is not composer.space:
+                self._refiners = [garment.refiner(composer.body) for _ in range(WORKERS)]
+            self._composer, self._materials = composer, materials
+            self._looks: list[Look | None] = [None] * composer.frames
+            self._fresh = np.zeros(composer.frames, dtype=bool)
+            self.version += 1
+
+    def _kept(self, frame: int) -> tuple[int, Look | None]:
+        with self._counting:
+            return self.version, self._looks[frame] if self._fresh[frame] else None
+
+    def _keep(self, frame: int, made: ComposedFrame, version: int) -> Look:
+        look = Look(frame, made.vertices, made.body, np.flatnonzero(made.inside))
+        with self._counting:
+            if version == self.version:
+                self._looks[frame], self._fresh[frame] = look, True
+        return look
+
+    def _put(self, key: Keyframe, material: Material) -> Keyframe:
+        with self._work:
+            key = self._composer.add(key)
+            self._materials[key.frame] = material
+        self._changed()
+        return key
+
+    def _changed(self) -> None:
+        with self._counting:
+            self.version += 1
+            self._fresh[:] = False
+
+    def _material_at(self, frame: int) -> Material:
+        self._check_frame(frame)
+        if frame in self._materials:
+            return self._materials[frame]
+        if not self._materials:
+            return Material(self._base(), True)
+        # Before the first keyframe and after the last there is what they are.
+        ends = min(self._materials), max(self._materials)
+        if not ends[0] < frame < ends[1]:
+            return self._materials[ends[0] if frame < ends[0] else ends[1]]
+        return Material(nearest_parameters(self._composer.space, self.latent(frame)), False)
+
+    def _base(self) -> dict[str, float]:
+        base = self._composer.space.garment.base_parameters
+        return {name: float(base[name]) for name in self.ranges}
+
+    def _latent_of(self, values: Mapping[str, float]) -> np.ndarray:
+        space = self._composer.space
+        return space.of_parameters(dict(space.garment.base_parameters) | dict(values))
+
+    def _check_frame(self, frame: int) -> None:
+        if not 0 <= frame < self.frames:
+            raise ValueError(f"frame {frame} is outside of the motion, whose frames are 0 to {self.frames - 1}")

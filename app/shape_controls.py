@@ -1,0 +1,148 @@
+"""The shape of the garment in a frame: candidates of the latent space, intrinsic parameters, or a mesh from a file."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING
+
+import numpy as np
+import viser
+
+from app.materials import share_of, value_of
+from app.scene import CANDIDATE_PLACES
+from app.uploads import read_upload
+from sim.parameters import parameter
+
+if TYPE_CHECKING:
+    from app.window import Window
+
+CANDIDATES = len(CANDIDATE_PLACES)
+"""Candidates that are shown at once."""
+
+_STEPS = 100
+"""Of a slider, from one end of what the model was trained on to the other."""
+
+_GROUPS = {"material": "Material", "environment": "Surroundings", "simulator": "Simulation"}
+
+
+class ShapeControls:
+    """Controls of the shape, in the present container.
+
+    Args:
+        window: What they control.
+    """
+
+    def __init__(self, window: Window) -> None:
+        self.window, self._gui = window, window.server.gui
+        self._first, self._seeds, self._latents = 0, range(0), np.zeros((0, 0), np.float32)
+        self._sliders: dict[str, viser.GuiSliderHandle] = {}
+        self._parts: list[viser.GuiFolderHandle] = []
+        self._built_for: str | None = None
+        self._editing = threading.Lock()
+        gui = self._gui
+        with gui.add_folder("Candidates"):
+            gui.add_markdown("Garments drawn from what the model knows, beside the body. Click one to take it.")
+            self._sample = gui.add_button(f"Show {CANDIDATES} candidates", icon=viser.Icon.SPARKLES)
+            self._take = gui.add_button_group("Take", tuple(str(n + 1) for n in range(CANDIDATES)), visible=False)
+            self._away = gui.add_button("Send them away", color="gray", visible=False)
+        self._holder = gui.add_folder("Intrinsic parameters")
+        with gui.add_folder("Mesh", expand_by_default=False):
+            gui.add_markdown(
+                "The garment's own mesh, moved in another program: OBJ or PLY, in metres, y up, on the body as it "
+                "stands in this frame. *Export* writes it."
+            )
+            self._upload = gui.add_upload_button(
+                "Keyframe from OBJ or PLY", icon=viser.Icon.UPLOAD, mime_type=".obj,.ply"
+            )
+        self._sample.on_click(window.guarded(lambda _: self._sampled()))
+        self._take.on_click(window.guarded(lambda event: self._taken(int(event.target.value) - 1)))
+        self._away.on_click(window.guarded(lambda _: self._sent_away()))
+        self._upload.on_upload(window.guarded(self._uploaded))
+
+    def build(self) -> None:
+        """Sliders of the present garment."""
+        session = self.window.session
+        if self._built_for == session.garment:
+            return
+        self._built_for = session.garment
+        self._rebuild(session.ranges)
+
+    def at(self, frame: int) -> None:
+        """The parameters of a frame."""
+        ranges = self.window.session.ranges
+        for name, value in self.window.session.parameters_at(frame).items():
+            slider = self._sliders[name]
+            slider.value = round(_STEPS * share_of(name, value, ranges[name]))
+            slider.label = self._label(name, value)
+        shown = self.window.scene.candidates > 0
+        self._take.visible = self._away.visible = shown
+
+    def _rebuild(self, ranges: dict[str, tuple[float, float]]) -> None:
+        for part in self._parts:
+            part.remove()
+        self._parts, self._sliders = [], {}
+        with self._holder:
+            for group, title in _GROUPS.items():
+                names = [name for name in ranges if parameter(name).group == group]
+                if not names:
+                    continue
+                folder = self._gui.add_folder(title, expand_by_default=group == "material")
+                self._parts.append(folder)
+                with folder:
+                    for name in names:
+                        self._sliders[name] = self._slider(name, ranges[name])
+
+    def _slider(self, name: str, ends: tuple[float, float]) -> viser.GuiSliderHandle:
+        told = parameter(name)
+        slider = self._gui.add_slider(
+            name, 0, _STEPS, 1, 0,
+            hint=f"{told.meaning}. Trained between {ends[0]:.3g} and {ends[1]:.3g} {_unit(told.unit)}".rstrip() + ".",
+        )  # fmt: skip
+        slider.on_update(self.window.guarded(lambda event: self._slid(name, event.target.value)))
+        return slider
+
+    def _slid(self, name: str, share: float) -> None:
+        with self._editing:
+            window = self.window
+            if window.player.playing:
+                window.play(False)
+            value = value_of(name, share / _STEPS, window.session.ranges[name])
+            window.session.insert_parameters(window.frame, {name: value})
+            window.edited()
+
+    def _sampled(self) -> None:
+        window = self.window
+        if window.player.playing:
+            window.play(False)
+        seeds = range(self._first, self._first + CANDIDATES)
+        self._first += CANDIDATES
+        self._seeds, self._latents = seeds, window.session.candidates(seeds)
+        window.scene.show_candidates(
+            window.session.look_of(window.frame, self._latents),
+            lambda number, event: window.guarded(lambda _: self._taken(number))(event),
+        )
+        self.at(window.frame)
+
+    def _taken(self, number: int) -> None:
+        window = self.window
+        window.session.insert_latent(window.frame, self._latents[number], f"candidate {self._seeds[number]}")
+        window.edited()
+
+    def _sent_away(self) -> None:
+        self.window.scene.clear_candidates()
+        self.at(self.window.frame)
+
+    def _uploaded(self, event: viser.GuiEvent) -> None:
+        window, file = self.window, event.target.value
+        key = read_upload(file.name, file.content, lambda path: window.session.insert_mesh(window.frame, path))
+        window.edited()
+        window.say(event.client, "Keyframe set", f"frame {key.frame}: {key.origin}", "green")
+
+    @staticmethod
+    def _label(name: str, value: float) -> str:
+        shown = float(f"{value:.3g}")
+        return f"{name.replace('_', ' ')} {shown:g}".replace("e-0", "e-")
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else unit.replace("^2", "²").replace("^3", "³")

@@ -1,0 +1,100 @@
+"""The timeline: play, pause, scrub, and how much of the sequence is as the keyframes say."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING
+
+import viser
+
+if TYPE_CHECKING:
+    from app.window import Window
+
+_EVERY = 0.05
+"""Seconds between two steps of the progress bar."""
+
+
+class Timeline:
+    """Controls of the timeline, in the present container.
+
+    Args:
+        window: What they control.
+    """
+
+    def __init__(self, window: Window) -> None:
+        self.window, self._gui = window, window.server.gui
+        self._told, self._marked = 0.0, None
+        self._building = threading.Lock()
+        with self._gui.add_folder("Timeline"):
+            self._holder = self._gui.add_folder(None)
+            self._steps = self._gui.add_button_group("Step", ("|<", "<", ">", ">|", "< key", "key >"))
+            self._play = self._gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Play, or pause")
+            self._bar = self._gui.add_progress_bar(0.0, animated=True)
+            self._state = self._gui.add_markdown("")
+        self._slider: viser.GuiSliderHandle | None = None
+        self.marks()
+        self._play.on_click(window.guarded(lambda _: window.play(not window.player.playing)))
+        self._steps.on_click(window.guarded(lambda event: self._step(event.target.value)))
+
+    def marks(self) -> None:
+        """The slider of the present motion, with a mark at each keyframe."""
+        session = self.window.session
+        wanted = (session.frames, tuple(key.frame for key in session.keyframes))
+        with self._building:
+            if wanted == self._marked:
+                return
+            old, self._marked = self._slider, wanted
+            with self._holder:
+                self._slider = self._gui.add_slider(
+                    "Frame", 0, session.frames - 1, 1, self.window.frame, marks=wanted[1] or None,
+                    hint="Drag to scrub; the marks are keyframes",
+                )  # fmt: skip
+            self._slider.on_update(self.window.guarded(self._scrubbed))
+            if old is not None:
+                old.remove()
+
+    def at(self, frame: int) -> None:
+        """The frame that is shown."""
+        with self._building:
+            if self._slider is not None and frame <= self._slider.max:
+                self._slider.value = frame
+
+    def playing(self, on: bool) -> None:
+        """Whether it plays."""
+        self._play.label = "Pause" if on else "Play"
+        self._play.icon = viser.Icon.PLAYER_PAUSE if on else viser.Icon.PLAYER_PLAY
+
+    def progress(self, share: float) -> None:
+        """How much of the sequence is made again."""
+        done = share >= 1.0
+        if not done and time.monotonic() - self._told < _EVERY:
+            return
+        self._told = time.monotonic()
+        self._bar.value, self._bar.animated = 100.0 * share, not done
+        session = self.window.session
+        self._state.content = (
+            f"{session.frames} frames, {session.frames / session.clip.fps:.1f} s" if done else "making the sequence ..."
+        )
+
+    def _scrubbed(self, event: viser.GuiEvent) -> None:
+        window = self.window
+        if window.player.playing:
+            window.play(False)
+        window.go(int(event.target.value))
+
+    def _step(self, which: str) -> None:
+        window = self.window
+        here, last = window.frame, window.session.frames - 1
+        keys = [key.frame for key in window.session.keyframes]
+        to = {
+            "|<": 0,
+            "<": max(0, here - 1),
+            ">": min(last, here + 1),
+            ">|": last,
+            "< key": max((key for key in keys if key < here), default=here),
+            "key >": min((key for key in keys if key > here), default=here),
+        }[which]
+        if window.player.playing:
+            window.play(False)
+        window.go(to)

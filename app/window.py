@@ -1,0 +1,147 @@
+"""The page: a session, its picture and its controls, shared by every browser that opens it.
+
+One user works on one machine, so there is one session: what a page shows after a reload, or a second page, is what
+there is. Whatever goes wrong in a control is said on the page that it was used on, and ends nothing.
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import viser
+
+from app.export_controls import ExportControls
+from app.keyframe_controls import KeyframeControls
+from app.motion_controls import MotionControls
+from app.player import Player
+from app.redo import Redo
+from app.scene import Scene
+from app.session import Session
+from app.shape_controls import ShapeControls
+from app.timeline import Timeline
+from app.view_controls import ViewControls
+
+_HINT = """
+Drag to turn, scroll to come nearer, right-drag to move. **Every change of shape makes a keyframe at the frame that you
+see**; between keyframes the garment passes from one to the next, whatever the body does.
+"""
+
+_log = logging.getLogger(__name__)
+
+
+class Window:
+    """The app on a server.
+
+    Args:
+        server: Where it is shown.
+        session: What is worked on.
+        exports: Folder that exports go to.
+    """
+
+    def __init__(self, server: viser.ViserServer, session: Session, exports: Path) -> None:
+        self.server, self.session, self.exports = server, session, exports
+        self.frame = 0
+        self._showing = threading.RLock()
+        gui = server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(37, 110, 122), control_width="large")
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(400)
+        self.scene = Scene(server)
+        gui.add_markdown(_HINT)
+        self.timeline = Timeline(self)
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Shape", viser.Icon.SHIRT):
+            self.keys = KeyframeControls(self)
+            self.shapes = ShapeControls(self)
+        with tabs.add_tab("Motion", viser.Icon.WALK):
+            self.motions = MotionControls(self)
+        with tabs.add_tab("View", viser.Icon.EYE):
+            self.view = ViewControls(self)
+        with tabs.add_tab("Export", viser.Icon.DOWNLOAD):
+            self.export = ExportControls(self)
+        self.redo = Redo(session, lambda: self.frame, self.timeline.progress, self._failed)
+        self.player = Player(session.clip.fps, self._advance, self._failed)
+        self.dress()
+
+    def stop(self) -> None:
+        """End its threads and the server."""
+        self.player.stop()
+        self.redo.stop()
+        self.server.stop()
+
+    def show(self, frame: int | None = None) -> None:
+        """Show a frame, the present one where None: as it is now, made at once where it is stale."""
+        with self._showing:
+            self.frame = min(self.frame if frame is None else frame, self.session.frames - 1)
+            look = self.session.look(self.frame)
+            self.scene.show(look, self.session.refine)
+            self.view.say_inside(len(look.inside))
+            self.timeline.at(self.frame)
+
+    def go(self, frame: int) -> None:
+        """Show a frame because the user asks for it; candidates were those of another."""
+        if frame != self.frame:
+            self.scene.clear_candidates()
+        self.show(frame)
+        self.shapes.at(self.frame)
+        self.keys.at(self.frame)
+
+    def edited(self) -> None:
+        """After an edit: show it on the present frame, then make all others again."""
+        self.show()
+        self.redo.ask()
+        self.timeline.marks()
+        self.keys.list()
+        self.keys.at(self.frame)
+        self.shapes.at(self.frame)
+
+    def dress(self) -> None:
+        """After another garment or motion: everything anew."""
+        with self._showing:
+            session = self.session
+            self.frame = min(self.frame, session.frames - 1)
+            self.scene.dress(session.garment, session.faces, session.run.body.faces, session.look(self.frame))
+            self.shapes.build()
+        self.edited()
+
+    def play(self, on: bool) -> None:
+        """Play or pause."""
+        self.scene.clear_candidates()
+        self.player.play(on)
+        self.timeline.playing(on)
+        if not on:
+            self.go(self.frame)
+
+    def guarded(self, callback: Callable) -> Callable:
+        """A callback whose errors are said on the page that it came from."""
+
+        @functools.wraps(callback)
+        def careful(event: object) -> None:
+            if getattr(event, "client", None) is None:
+                return  # set by this program, not by a user
+            try:
+                callback(event)
+            except (ValueError, OSError) as error:
+                self.say(event.client, "That does not go", str(error), "red")
+            except Exception as error:
+                _log.exception("in a control of the app")
+                self.say(event.client, "An unexpected error", f"{type(error).__name__}: {error}", "red")
+
+        return careful
+
+    def say(self, client: viser.ClientHandle, title: str, text: str, colour: str | None = None) -> None:
+        """A notification on one page."""
+        client.add_notification(title, text, color=colour, auto_close_seconds=12.0)
+
+    def _advance(self, steps: int) -> None:
+        self.show((self.frame + steps) % self.session.frames)
+
+    def _failed(self, error: Exception) -> None:
+        if not isinstance(error, ValueError | OSError):
+            _log.error("behind the app", exc_info=error)
+        for client in self.server.get_clients().values():
+            self.say(client, "That does not go", str(error), "red")
