@@ -50,7 +50,7 @@ def encode_mp4(path: Path, images: Iterable[np.ndarray], size: tuple[int, int], 
             raise OSError("the file system took only a part of it")
 
 
-def write_video(path: str | os.PathLike, frames: np.ndarray, fps: float, quality: int = 26) -> None:
+def write_video(path: str | os.PathLike, frames: np.ndarray, fps: float, quality: int = 24) -> None:
     """Write ``frames [T, H, W, 3]`` atomically, for a page: some tens of kilobytes a second; odd sizes lose a line."""
     if frames.ndim != 4 or frames.shape[-1] != 3 or frames.dtype != np.uint8 or len(frames) == 0:
         raise ValueError(f"expected images uint8 [T, H, W, 3], got {frames.dtype} {list(frames.shape)}")

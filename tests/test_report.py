@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 import re
 import xml.etree.ElementTree as ElementTree
 from html.parser import HTMLParser
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
 from evaluation.table import Row, write_table
-from report import plots
+from report import captions, plots, sections
 from report.captions import CAPTIONS
 from report.columns import HIGHER, LOWER, better, column_title, format_column, is_number, significant
 from report.page import build_page
-from report.readme_picture import LARGEST, make_picture
 from report.run_files import RunFiles
-from report.sheets import write_animation, write_image
+from report.sections.blocks import Run
+from report.sheets import write_image
 from report.tables import TableView, is_reference, table_view
+from report.video import write_video
 from report.wide import wide_view
 
 CONFIG = {
@@ -93,15 +97,15 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pictures.mkdir(parents=True)
     entries = []
     for kind in ("simulated", "generated"):
-        write_animation(
-            pictures / f"{kind}.webp", np.random.default_rng(1).integers(0, 255, (4, 40, 30, 3), np.uint8), 25
-        )
+        frames = np.random.default_rng(1).integers(0, 255, (4, 40, 30, 3), np.uint8)
+        write_video(pictures / f"{kind}.mp4", frames, 25)
+        write_image(pictures / f"{kind}_poster.webp", frames[0])
         entries.append(
-            {"file": f"{kind}.webp", "kind": kind, "title": "walk <b>fast</b>", "caption": "", "alt": kind}
-            | {"width": 30, "height": 40, "animated": True}
+            {"file": f"{kind}.mp4", "kind": kind, "title": "walk <b>fast</b>", "caption": "", "alt": kind}
+            | {"width": 30, "height": 40, "animated": True, "poster": f"{kind}_poster.webp"}
         )
     write_image(pictures / "refined_00.webp", np.zeros((40, 90, 3), np.uint8))
-    entries.append(entries[0] | {"file": "refined_00.webp", "kind": "refined", "animated": False})
+    entries.append({"file": "refined_00.webp", "kind": "refined", "width": 90, "height": 40})
     entries.append(entries[0] | {"file": "../../../secret.webp", "kind": "hero"})
     (pictures / "figures.json").write_text(
         json.dumps({"garment": "skirt", "absent": ["all were <dropped>"], "figures": entries})
@@ -152,9 +156,45 @@ def test_the_page_needs_nothing_but_itself(page: str) -> None:
     assert outside == []
     style = re.search(r"<style>(.*?)</style>", page, re.DOTALL).group(1)
     assert "@import" not in style and "url(" not in style and "@font-face" not in style
-    assert sum(tag == "img" for tag, _ in tags) == 5, (
-        "two in the hero, three in the sections; the missing one is left out"
-    )
+    assert sum(tag == "img" for tag, _ in tags) == 1, "the one of another folder is left out"
+
+
+def test_videos_stand_in_the_page_itself_and_wait_to_be_seen(page: str) -> None:
+    videos = [attributes for tag, attributes in Elements(page).tags if tag == "video"]
+    assert [v["aria-label"] for v in videos] == ["simulated", "generated"] * 2, "at the top, and in the gallery"
+    for video in videos:
+        assert {"muted", "loop", "playsinline", "controls"} <= set(video) and video["preload"] == "none"
+        assert (video["width"], video["height"]) == ("30", "40")
+        kind, data = video["src"].split(";base64,")
+        assert kind == "data:video/mp4" and video["poster"].startswith("data:image/webp;base64,")
+        with av.open(io.BytesIO(base64.b64decode(data))) as content:
+            assert sum(1 for _ in content.decode(video=0)) == 4
+
+
+def test_every_section_is_on_the_page_in_its_order_and_in_the_bar(page: str) -> None:
+    tags = Elements(page).tags
+    found = [attributes["id"] for tag, attributes in tags if tag == "section"]
+    ours = ["gallery", "simulation", "shape-descriptor", "motion-invariant", "motion-cvae", "garment-regressor"]
+    ours += ["collisions", "timing", "losses"]
+    assert [name for name in found if name in ours] == ours
+    assert found[0] == "run" and found[-2:] == ["configuration", "machine"]
+    assert [attributes["href"] for tag, attributes in tags if tag == "a"] == [f"#{name}" for name in found]
+
+
+def test_no_topic_is_written_and_forgotten() -> None:
+    for package, others in ((sections, {"blocks"}), (captions, {"caption"})):
+        written = {path.stem for path in Path(package.__file__).parent.glob("[!_]*.py")} - others
+        assert {topic.__name__.rpartition(".")[2] for topic in package.TOPICS} == written
+
+
+def test_whatever_is_shown_has_a_title_and_says_what_it_is(run: Path) -> None:
+    made = sections.all_sections(Run(RunFiles(run), CONFIG))
+    shown = [block for section in made for block in section.blocks if block.kind in ("table", "chart", "pictures")]
+    assert {block.kind for block in shown} == {"table", "chart", "pictures"}
+    for block in shown:
+        assert block.caption is not None and block.caption.title
+        assert block.caption.what or block.caption.made or block.kind == "pictures", block.caption.title
+    assert all(section.lead.endswith(".") and section.blocks for section in made)
 
 
 def test_every_number_of_every_table_is_on_the_page(page: str) -> None:
@@ -301,13 +341,6 @@ def test_every_table_of_the_workflow_has_a_caption() -> None:
     rules = (Path(__file__).parents[1] / "pipeline" / "rules" / "evaluate.smk").read_text(encoding="utf-8")
     tables = re.findall(r'"(\w+)"', re.search(r"TABLES = \[(.*?)\]", rules, re.DOTALL).group(1))
     assert len(tables) >= 10 and set(tables) <= set(CAPTIONS)
-
-
-def test_the_picture_of_the_readme(run: Path, tmp_path: Path) -> None:
-    path = make_picture(run, tmp_path / "docs", width=120)
-    assert path.name == "picture.webp" and 0 < path.stat().st_size < LARGEST
-    with pytest.raises(ValueError, match="no animation"):
-        make_picture(tmp_path, tmp_path)
 
 
 @pytest.mark.parametrize("method", ["simulation", "simulated again (chaos floor)", "PCA-200 of the truth (floor)"])
