@@ -43,7 +43,7 @@ from models.training import (
 KIND = "mesh_vae_gan"
 FOLDS = 4
 """Parts that the training labels are divided into: what a regression on the others leaves over of each is kept."""
-RIDGES = (3.0e-3, 3.0e-2, 0.3, 3.0)
+RIDGES = (1.0e-2, 3.0e-2, 0.1, 1.0)
 """Penalties that are tried, a share of the features' own variance."""
 SAMPLED = 16
 """Every so many coordinates are looked at to choose one of them."""
