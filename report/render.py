@@ -4,7 +4,8 @@ In: garment and body vertices [m], optionally an error per garment vertex [m]. O
 ``SceneRenderer`` serves a whole sequence: the scene is built once and only vertices, colours and camera move.
 
 Cloth is judged by its folds, so the light does the work: a warm key light, a cool fill, and a raking light along the
-surface whose shadows draw wrinkles. The ground takes a soft contact shadow, blurred in a small image instead of traced.
+surface whose shadows draw wrinkles. Arms shade cloth and cloth shades legs (``report.sky``). The ground takes a soft
+contact shadow, blurred in a small image instead of traced.
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
+from scipy.sparse import csr_matrix
 
 from geometry.topology import MeshTopology, normalized, vertex_normals
 from report.camera import Framing, View
 from report.colours import BODY, GARMENT_COLOURS
 from report.sky import key_directions, seen_share, sky_directions
+from report.tessellation import Tessellation
 
 if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
     # Without a display VTK would try X first and complain on every window.
@@ -100,6 +103,7 @@ class SceneRenderer:
         self._ground_unit = np.asarray(self._ground.points)[:, [0, 2]].copy()
         self._ground["colour"] = np.full((self._ground.n_points, 3), 255, dtype=np.uint8)
         self._built = False
+        self._laplacian: csr_matrix | None = None
 
     def __enter__(self) -> SceneRenderer:
         return self
@@ -134,7 +138,7 @@ class SceneRenderer:
         normals, skin = vertex_normals(garment, self.garment_faces), vertex_normals(body, self.body_faces)
         light = self._light(np.concatenate([garment, body]), np.concatenate([normals, skin]), framing)
         if error is None:
-            shade = light[: len(garment)] * self._folds(garment, normals)
+            shade = self._smoothed(light[: len(garment)]) * self._folds(garment, normals)
             colours = np.clip(self.colour * shade[:, None], 0, 1)
         else:
             colours = error_colours(np.asarray(error), largest_error)
@@ -199,12 +203,18 @@ class SceneRenderer:
         return (0.58 + 0.46 * sky) * (0.76 + 0.27 * seen_share(points, normals, key))
 
     def _folds(self, garment: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """Brightness of each vertex, 0.68..1.1: valleys darker, ridges lighter, as sky light would have it."""
-        if not hasattr(self, "_umbrella"):
-            self._umbrella = MeshTopology.from_faces(self.garment_faces, len(garment)).uniform_laplacian()
-        hollow = np.einsum("vc,vc->v", self._umbrella @ garment, normals)
-        hollow = hollow - 0.5 * (self._umbrella @ hollow)
-        return np.clip(1.0 + 45.0 * hollow, 0.68, 1.10)
+        """Brightness of each vertex, 0.72..1.1: valleys darker, ridges lighter, finer than the sky's shadows are."""
+        hollow = np.einsum("vc,vc->v", self._umbrella(len(garment)) @ garment, normals)
+        return np.clip(1.0 + 32.0 * self._smoothed(hollow), 0.72, 1.10)
+
+    def _smoothed(self, values: np.ndarray) -> np.ndarray:
+        """Values [V] drawn half of the way to the mean of their neighbours on the cloth."""
+        return values - 0.5 * (self._umbrella(len(values)) @ values)
+
+    def _umbrella(self, vertices: int) -> csr_matrix:
+        if self._laplacian is None:
+            self._laplacian = MeshTopology.from_faces(self.garment_faces, vertices).uniform_laplacian()
+        return self._laplacian
 
     def _lay_ground(self, garment: np.ndarray, body: np.ndarray, target: np.ndarray) -> None:
         """Put the ground under the target, with the soft shadow of what stands near it, fading into the background."""
@@ -230,40 +240,6 @@ class SceneRenderer:
         fade = np.clip(1.25 - np.linalg.norm(2 * self._ground_unit, axis=1) * 1.25, 0.0, 1.0)[:, None] ** 1.5
         colour = (BACKGROUND + fade * (GROUND - BACKGROUND)) * (1.0 - darkness * np.minimum(1, 2 * fade[:, 0]))[:, None]
         self._ground["colour"] = (255 * colour).astype(np.uint8)
-
-
-class Tessellation:
-    """One level of Phong tessellation (Boubekeur and Alexa 2008): rounder silhouettes, vertices kept."""
-
-    def __init__(self, faces: np.ndarray, roundness: float = 0.6) -> None:
-        topology = MeshTopology.from_faces(faces)
-        self.edges, self.roundness = topology.edges.astype(np.int64), roundness
-        count = topology.vertex_count
-        key = {(int(i), int(j)): count + k for k, (i, j) in enumerate(self.edges)}
-        a, b, c = faces.T
-
-        def middle(i: np.ndarray, j: np.ndarray) -> np.ndarray:
-            return np.array([key[min(p, q), max(p, q)] for p, q in zip(i.tolist(), j.tolist(), strict=True)])
-
-        ab, bc, ca = middle(a, b), middle(b, c), middle(c, a)
-        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-        self.faces = np.concatenate([np.stack(part, axis=1) for part in parts])
-
-    def __call__(
-        self, vertices: np.ndarray, normals: np.ndarray, colours: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Vertices, normals and colours of the finer mesh, [V + E, 3] each."""
-        i, j = self.edges.T
-        half = 0.5 * (vertices[i] - vertices[j])
-        # The midpoint dropped onto the tangent planes at both ends; the mean of the two.
-        lift_i = np.einsum("ec,ec->e", half, normals[i])[:, None] * normals[i]
-        lift_j = -np.einsum("ec,ec->e", half, normals[j])[:, None] * normals[j]
-        middle = 0.5 * (vertices[i] + vertices[j]) + 0.5 * self.roundness * (lift_i + lift_j)
-        return (
-            np.concatenate([vertices, middle]),
-            np.concatenate([normals, normalized(normals[i] + normals[j])]),
-            np.concatenate([colours, 0.5 * (colours[i] + colours[j])]),
-        )
 
 
 def render_sequence(

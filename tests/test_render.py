@@ -10,9 +10,10 @@ import pytest
 from PIL import Image
 
 from report.camera import Framing, View
-from report.render import ERROR_STOPS, SceneRenderer, Tessellation, error_colours, render_frame
+from report.render import ERROR_STOPS, SceneRenderer, error_colours, render_frame
 from report.sheets import caption_height, contact_sheet, side_by_side, with_legend, write_animation, write_image
 from report.sky import key_directions, seen_share, sky_directions
+from report.tessellation import Tessellation
 from report.video import write_video
 
 SIZE = (96, 128)
