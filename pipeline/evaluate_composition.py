@@ -39,18 +39,16 @@ from models.motion_history import MotionHistory
 from models.motion_invariant import MotionInvariantNetwork
 from models.same_phi import IntrinsicFrames
 from models.shape_descriptor import ShapeDescriptor, decode_all, encode_all, load_shape_descriptor
-from pipeline.intrinsic_data import job_codes, varied_parameters
-from pipeline.parameter_reading import fitted_reader, sequence_evidence, sequence_parameters
+from pipeline.intrinsic_data import job_codes
+from pipeline.parameter_reading import fitted_reader, sequence_evidence
 from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage
-from runtime.keyframes import Interpolation, Keyframe
+from runtime.keyframes import HOLD, Interpolation, Keyframe
 
 FRAMES = 96
 """Frames of a composed sequence (Wang 2019, Fig. 13)."""
 MOST = 16
 """Sequences of a split that are composed, spread evenly."""
-HOLD = 0.2
-"""Seconds in which a keyframe's detail fades to 1/e, as in the commands."""
 TOLD_FROM = (1, 16, 64)
 """Frames that parameters are estimated from; a clip that is shorter gives all that it has."""
 
@@ -139,13 +137,13 @@ def _ways(
 def _inference(job: Job, codes_path: str, descriptor_path: str, network: MotionInvariantNetwork) -> Iterable[Row]:
     splits = (TRAIN, UNSEEN_PARAMETERS, UNSEEN_BOTH)
     sequences = job_codes(job, codes_path, descriptor_path, splits, (MATERIALS,))
-    reader = fitted_reader(network, [s for s in sequences if s.split == TRAIN])
-    parameters = sequence_parameters(sequences, varied_parameters(sequences))
+    of_split = {split: [s for s in sequences if s.split == split] for split in splits}
+    reader = fitted_reader(network, of_split[TRAIN], of_split[UNSEEN_PARAMETERS])
     rows: list[Row] = []
     for split in splits[1:]:
-        tests = sequence_evidence(network, held) if (held := [s for s in sequences if s.split == split]) else []
+        tests = sequence_evidence(network, of_split[split]) if of_split[split] else []
         for frames in TOLD_FROM if tests else ():
-            rows += merge_tables([reader.checked(tests, parameters, frames)], split=split)
+            rows += merge_tables([reader.checked(tests, frames)], split=split)
     return rows
 
 

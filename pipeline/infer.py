@@ -6,10 +6,10 @@
 
 In goes a short sequence (an animation of this program or a simulated one), or one mesh (OBJ or PLY, the garment's own)
 with the motion that led to it and the frame that it is in. Out come the intrinsic parameters that the run sampled, each
-with an interval that holds the truth in nine of ten cases. The intervals are what was missed on the run's training
-materials that were kept out of the estimate; on unseen materials, the table `inference` of the run says how often they
-held. "Known" is how much narrower an interval is than the sampled values: what a shape does not show stays unknown, and
-that is said. The more frames, the more is known. Products such as bend / (density gravity) are what a shape can tell.
+with an interval that holds the truth in nine of ten cases. The intervals are what was missed on materials that the
+networks were not trained on; the run's table `inference` says how often they held on others. "Known" is how much
+narrower an interval is than the sampled values: what a shape does not show stays unknown, and that is said. The more
+frames, the more is known. Products such as bend / (density gravity) are what a shape can tell.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 
 from datasets.codes import file_digest, read_codes
 from datasets.shards import MATERIALS
-from datasets.splits import TRAIN
+from datasets.splits import TRAIN, UNSEEN_PARAMETERS
 from evaluation.parameter_reader import COVERAGE, Estimate, ParameterReader
 from evaluation.recovery import GROUPS
 from evaluation.table import Row, write_table
@@ -54,9 +54,11 @@ def define(parser: argparse.ArgumentParser) -> None:
 
 
 def reader_of(garment: LearnedGarment, space: IntrinsicSpace) -> ParameterReader:
-    """The reader for a garment, fitted to its run's training materials: takes some seconds."""
-    codes = read_codes(garment.codes_path, garment.name, file_digest(garment.descriptor_path), (TRAIN,), (MATERIALS,))
-    return fitted_reader(space.network, codes)
+    """The reader for a garment, fitted to its run's training materials and calibrated on held-out ones: takes some
+    seconds."""
+    splits = (TRAIN, UNSEEN_PARAMETERS)
+    codes = read_codes(garment.codes_path, garment.name, file_digest(garment.descriptor_path), splits, (MATERIALS,))
+    return fitted_reader(space.network, *([s for s in codes if s.split == split] for split in splits))
 
 
 def infer(options: argparse.Namespace) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from motions.clip import Clip
 from runtime.asked_motion import asked_motion, stretch
-from runtime.composing import HOLD, Composed, Composer
+from runtime.composing import Composed, Composer
 from runtime.finished_run import FinishedRun
 from runtime.keyframe_wishes import (
     SPACES,
@@ -21,6 +21,7 @@ from runtime.keyframe_wishes import (
     shape_wish,
     told_material,
 )
+from runtime.keyframes import HOLD
 
 
 def add_motion(parser: argparse.ArgumentParser) -> None:

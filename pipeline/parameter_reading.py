@@ -31,7 +31,10 @@ def sequence_parameters(sequences: Sequence[CodedSequence], names: Sequence[str]
     return {s.phi: {name: with_groups(s.parameters)[name] for name in names} for s in sequences}
 
 
-def fitted_reader(network: MotionInvariantNetwork, training: Sequence[CodedSequence]) -> ParameterReader:
-    """The reader for training sequences of many materials."""
-    parameters = sequence_parameters(training, varied_parameters(list(training)))
-    return ParameterReader(sequence_evidence(network, training), parameters, LOGARITHMIC, network.prior)
+def fitted_reader(
+    network: MotionInvariantNetwork, training: Sequence[CodedSequence], held_out: Sequence[CodedSequence]
+) -> ParameterReader:
+    """The reader that learns from training sequences of many materials, and is calibrated on held-out ones."""
+    parameters = sequence_parameters([*training, *held_out], varied_parameters(list(training)))
+    told = sequence_evidence(network, training), sequence_evidence(network, held_out) if held_out else []
+    return ParameterReader(*told, parameters, LOGARITHMIC, network.prior)

@@ -31,11 +31,8 @@ from motions.clip import Clip
 from motions.looping import exact_loop, rounds_before
 from runtime.dressing import Wearing, dressed_animation
 from runtime.intrinsic_space import IntrinsicSpace
-from runtime.keyframes import Interpolation, Keyframe
+from runtime.keyframes import HOLD, Interpolation, Keyframe
 from runtime.motion_making import clip_track, on_body
-
-HOLD = 0.2
-"""Seconds in which a given shape's own detail fades to 1/e."""
 
 BATCH = 32
 """Frames that are decoded at once, between two reports of progress."""

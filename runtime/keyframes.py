@@ -17,6 +17,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+HOLD = 0.2
+"""Seconds in which a given shape's own detail fades to 1/e. From 0.13 to 0.3 the error between keyframes of simulated
+skirts differs by 3%; with far more it grows where keyframes are few, with far less where they are many."""
+
 
 @dataclass(frozen=True, eq=False)
 class Keyframe:

@@ -52,9 +52,8 @@ CAPTIONS: dict[str, Caption] = {
     ),
     "inference_coverage": Caption(
         "Coverage of the intervals [%] by frames that are looked at",
-        "How often an interval that is made to hold nine of ten truths held the truth. Intervals are made on training "
-        "parameter sets that the regression did not see, but the autoencoder did: where coverage falls short of 90%, "
-        "that is why.",
+        "How often an interval that is made to hold nine of ten truths held the truth. Each set is judged by intervals "
+        "made on all other held-out sets. Few sets say little: of sixteen, one more or less is 6%.",
         made=made_by("evaluate_composition", "evaluation/parameter_reader.py", "inference"),
         split="Parameter sets that were not trained on.",
     ),
