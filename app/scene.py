@@ -109,14 +109,16 @@ class Scene:
         """Whether the body is seen."""
         self._body.visible = on
 
-    def show_candidates(self, looks: Sequence[Look], chosen: Callable[[int, object], None]) -> None:
-        """Stand candidates side by side, left and right of the body; a click on one is told with its number."""
+    def show_candidates(
+        self, looks: Sequence[Look], names: Sequence[str], chosen: Callable[[str, object], None]
+    ) -> None:
+        """Stand candidates side by side, left and right of the body; a click on one is told with its name."""
         self.clear_candidates()
         scene, back = self.server.scene, (_EYE - _LOOK_AT) * (1.0, 0.0, 1.0)
         back /= np.linalg.norm(back)
         right = np.array([back[2], 0.0, -back[0]])
         with self.server.atomic():
-            for number, look in enumerate(looks):
+            for number, (look, called) in enumerate(zip(looks, names, strict=True)):
                 place = CANDIDATE_PLACES[number] * right - _BEHIND * back
                 name = f"/stage/candidates/{number + 1}"
                 self._candidates += [scene.add_frame(name, show_axes=False, position=place)]
@@ -132,9 +134,9 @@ class Scene:
                     receive_shadow=False,
                 )
                 head = look.body[look.body[:, 1].argmax()] + np.array([0.0, 0.12, 0.0])
-                scene.add_label(f"{name}/label", f"{number + 1}", position=head)
+                scene.add_label(f"{name}/label", called, position=head)
                 for mesh in (body, garment):
-                    mesh.on_click(functools.partial(chosen, number))
+                    mesh.on_click(functools.partial(chosen, called))
 
     def clear_candidates(self) -> None:
         """Send the candidates away."""

@@ -34,7 +34,7 @@ class ShapeControls:
 
     def __init__(self, window: Window) -> None:
         self.window, self._gui = window, window.server.gui
-        self._first, self._seeds, self._latents = 0, range(0), np.zeros((0, 0), np.float32)
+        self._first, self._latents = 1, dict[str, np.ndarray]()
         self._sliders: dict[str, viser.GuiSliderHandle] = {}
         self._parts: list[viser.GuiFolderHandle] = []
         self._built_for: str | None = None
@@ -43,7 +43,7 @@ class ShapeControls:
         with gui.add_folder("Candidates"):
             gui.add_markdown("Garments drawn from what the model knows, beside the body. Click one to take it.")
             self._sample = gui.add_button(f"Show {CANDIDATES} candidates", icon=viser.Icon.SPARKLES)
-            self._take = gui.add_button_group("Take", tuple(str(n + 1) for n in range(CANDIDATES)), visible=False)
+            self._take = gui.add_button_group("Take", ("-",), visible=False)
             self._away = gui.add_button("Send them away", color="gray", visible=False)
         self._holder = gui.add_folder("Intrinsic parameters")
         with gui.add_folder("Mesh", expand_by_default=False):
@@ -55,7 +55,7 @@ class ShapeControls:
                 "Keyframe from OBJ or PLY", icon=viser.Icon.UPLOAD, mime_type=".obj,.ply"
             )
         self._sample.on_click(window.guarded(lambda _: self._sampled()))
-        self._take.on_click(window.guarded(lambda event: self._taken(int(event.target.value) - 1)))
+        self._take.on_click(window.guarded(lambda event: self._taken(event.target.value)))
         self._away.on_click(window.guarded(lambda _: self._sent_away()))
         self._upload.on_upload(window.guarded(self._uploaded))
 
@@ -67,12 +67,13 @@ class ShapeControls:
         self._built_for = session.garment
         self._rebuild(session.ranges)
 
-    def at(self, frame: int) -> None:
-        """The parameters of a frame."""
+    def at(self, frame: int, dragged: str | None = None) -> None:
+        """The parameters of a frame; the slider of ``dragged`` stays where the user holds it."""
         ranges = self.window.session.ranges
         for name, value in self.window.session.parameters_at(frame).items():
             slider = self._sliders[name]
-            slider.value = round(_STEPS * share_of(name, value, ranges[name]))
+            if name != dragged:
+                slider.value = round(_STEPS * share_of(name, value, ranges[name]))
             slider.label = self._label(name, value)
         shown = self.window.scene.candidates > 0
         self._take.visible = self._away.visible = shown
@@ -98,17 +99,20 @@ class ShapeControls:
             name, 0, _STEPS, 1, 0,
             hint=f"{told.meaning}. Trained between {ends[0]:.3g} and {ends[1]:.3g} {_unit(told.unit)}".rstrip() + ".",
         )  # fmt: skip
-        slider.on_update(self.window.guarded(lambda event: self._slid(name, event.target.value)))
+        slider.on_update(self.window.guarded(lambda _: self._slid(name)))
         return slider
 
-    def _slid(self, name: str, share: float) -> None:
+    def _slid(self, name: str) -> None:
+        window = self.window
         with self._editing:
-            window = self.window
+            # While an edit was shown the user has dragged on: what counts is where the slider is now.
+            share, ends = int(self._sliders[name].value), window.session.ranges[name]
+            if share == round(_STEPS * share_of(name, window.session.parameters_at(window.frame)[name], ends)):
+                return
             if window.player.playing:
                 window.play(False)
-            value = value_of(name, share / _STEPS, window.session.ranges[name])
-            window.session.insert_parameters(window.frame, {name: value})
-            window.edited()
+            window.session.insert_parameters(window.frame, {name: value_of(name, share / _STEPS, ends)})
+            window.edited(dragged=name)
 
     def _sampled(self) -> None:
         window = self.window
@@ -116,16 +120,18 @@ class ShapeControls:
             window.play(False)
         seeds = range(self._first, self._first + CANDIDATES)
         self._first += CANDIDATES
-        self._seeds, self._latents = seeds, window.session.candidates(seeds)
+        self._latents = dict(zip(map(str, seeds), window.session.candidates(seeds), strict=True))
+        self._take.options = tuple(self._latents)
         window.scene.show_candidates(
-            window.session.look_of(window.frame, self._latents),
-            lambda number, event: window.guarded(lambda _: self._taken(number))(event),
+            window.session.look_of(window.frame, np.stack(list(self._latents.values()))),
+            tuple(self._latents),
+            lambda name, event: window.guarded(lambda _: self._taken(name))(event),
         )
         self.at(window.frame)
 
-    def _taken(self, number: int) -> None:
+    def _taken(self, name: str) -> None:
         window = self.window
-        window.session.insert_latent(window.frame, self._latents[number], f"candidate {self._seeds[number]}")
+        window.session.insert_latent(window.frame, self._latents[name], f"candidate {name}")
         window.edited()
 
     def _sent_away(self) -> None:

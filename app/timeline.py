@@ -25,7 +25,7 @@ class Timeline:
     def __init__(self, window: Window) -> None:
         self.window, self._gui = window, window.server.gui
         self._told, self._marked = 0.0, None
-        self._building = threading.Lock()
+        self._building, self._scrubbing = threading.Lock(), threading.Lock()
         with self._gui.add_folder("Timeline"):
             self._holder = self._gui.add_folder(None)
             self._steps = self._gui.add_button_group("Step", ("|<", "<", ">", ">|", "< key", "key >"))
@@ -50,7 +50,7 @@ class Timeline:
                     "Frame", 0, session.frames - 1, 1, self.window.frame, marks=wanted[1] or None,
                     hint="Drag to scrub; the marks are keyframes",
                 )  # fmt: skip
-            self._slider.on_update(self.window.guarded(self._scrubbed))
+            self._slider.on_update(self.window.guarded(lambda _: self._scrubbed()))
             if old is not None:
                 old.remove()
 
@@ -77,11 +77,14 @@ class Timeline:
             f"{session.frames} frames, {session.frames / session.clip.fps:.1f} s" if done else "making the sequence ..."
         )
 
-    def _scrubbed(self, event: viser.GuiEvent) -> None:
+    def _scrubbed(self) -> None:
         window = self.window
-        if window.player.playing:
-            window.play(False)
-        window.go(int(event.target.value))
+        with self._scrubbing:
+            # While frames were shown the user has dragged on: what counts is where the slider is now.
+            while (frame := int(self._slider.value)) != window.frame:
+                if window.player.playing:
+                    window.play(False)
+                window.scrub(frame)
 
     def _step(self, which: str) -> None:
         window = self.window

@@ -80,24 +80,32 @@ class Window:
             look = self.session.look(self.frame)
             self.scene.show(look, self.session.refine)
             self.view.say_inside(len(look.inside))
-            self.timeline.at(self.frame)
 
     def go(self, frame: int) -> None:
-        """Show a frame because the user asks for it; candidates were those of another."""
+        """Show a frame and what there is to be done at it; candidates were those of another."""
+        self.scrub(frame)
+        self.timeline.at(self.frame)
+
+    def scrub(self, frame: int) -> None:
+        """As :meth:`go`, with the slider of the timeline left where the user holds it."""
         if frame != self.frame:
             self.scene.clear_candidates()
         self.show(frame)
         self.shapes.at(self.frame)
         self.keys.at(self.frame)
 
-    def edited(self) -> None:
-        """After an edit: show it on the present frame, then make all others again."""
+    def edited(self, dragged: str | None = None) -> None:
+        """After an edit: show it on the present frame, then make all others again.
+
+        Args:
+            dragged: Parameter whose slider the user holds: that is left where it is.
+        """
         self.show()
         self.redo.ask()
         self.timeline.marks()
         self.keys.list()
         self.keys.at(self.frame)
-        self.shapes.at(self.frame)
+        self.shapes.at(self.frame, dragged)
 
     def dress(self) -> None:
         """After another garment or motion: everything anew."""
@@ -139,6 +147,7 @@ class Window:
 
     def _advance(self, steps: int) -> None:
         self.show((self.frame + steps) % self.session.frames)
+        self.timeline.at(self.frame)
 
     def _failed(self, error: Exception) -> None:
         if not isinstance(error, ValueError | OSError):

@@ -83,21 +83,29 @@ class Page:
 
     def wait_for(self, text: str) -> None:
         """Wait until a text is on the page."""
-        wait_until(lambda: text in self.text(), f"the page to say {text!r}; it says {self.text()[:800]!r}")
+        wait_until(lambda: text in self.text(), lambda: f"the page to say {text!r}; it says {self.text()[:2000]!r}")
 
     def click(self, label: str) -> None:
-        """Click the button or tab of a label, as a mouse does."""
+        """Click what a label stands on, as a mouse does; of a button its beginning is enough."""
         find = (
-            "(() => { const all = [...document.querySelectorAll('button, label, [role=tab]')].filter(e => "
-            f"e.innerText.trim().startsWith({json.dumps(label)}) && e.offsetParent !== null); "
-            "if (!all.length) return null; "
-            "const e = all[0]; e.scrollIntoView({block: 'center'}); const b = e.getBoundingClientRect(); "
+            f"(() => {{ const label = {json.dumps(label)}, seen = e => e.offsetParent !== null; "
+            "const all = selector => [...document.querySelectorAll(selector)].filter(seen); "
+            "const e = all('button, label, [role=tab]').find(e => e.innerText.trim().startsWith(label)) "
+            "|| all('*').reverse().find(e => (e.innerText || '').trim() === label); if (!e) return null; "
+            "e.scrollIntoView({block: 'center'}); const b = e.getBoundingClientRect(); "
             "return [b.x + b.width / 2, b.y + b.height / 2]; })()"
         )
-        wait_until(lambda: self.value(find) is not None, f"a button {label!r}; the page says {self.text()[:800]!r}")
+        wait_until(lambda: self.value(find) is not None, lambda: f"{label!r}; the page says {self.text()[:2000]!r}")
         x, y = self.value(find)
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+    def choose_file(self, accepts: str, path: str) -> None:
+        """Give a file to the file input that accepts these endings."""
+        root = self.call("DOM.getDocument", depth=0)["root"]["nodeId"]
+        found = self.call("DOM.querySelector", nodeId=root, selector=f"input[type=file][accept='{accepts}']")["nodeId"]
+        assert found, f"no file input for {accepts}"
+        self.call("DOM.setFileInputFiles", nodeId=found, files=[path])
 
     def picture(self) -> np.ndarray:
         """What is seen, uint8 [H, W, 3]."""
@@ -134,9 +142,9 @@ def browser(size: tuple[int, int] = (1280, 800)) -> Iterator[Page]:
                 process.kill()
 
 
-def wait_until(there: Callable[[], object], what: str) -> None:
+def wait_until(there: Callable[[], object], what: str | Callable[[], str]) -> None:
     """Wait for something; says what it waited for when it does not come."""
     end = time.monotonic() + PATIENCE
     while not there():
-        assert time.monotonic() < end, f"waited in vain for {what}"
+        assert time.monotonic() < end, f"waited in vain for {what if isinstance(what, str) else what()}"
         time.sleep(0.1)
