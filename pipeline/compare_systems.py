@@ -65,7 +65,7 @@ PAPERS = {"garment_regressor": SHI, "motion_invariant": WANG, "gsnet": PENG, "me
 PAPER = "paper"
 """Variant that follows the paper."""
 
-TESTS = 12
+TESTS = 10
 """Sequences of a split, evenly spread, that systems are tested on."""
 
 DETAILED = 3
