@@ -18,6 +18,7 @@ import numpy as np
 from datasets.sequences import Sequence
 from datasets.shards import MOTIONS
 from datasets.splits import SplitRule
+from formats.animation import Animation
 from motions.clip import Clip
 from pipeline.command import run_command
 from pipeline.plan import shard_names
@@ -34,13 +35,16 @@ from sim.parameters import base_parameters
 LARGEST = 400_000
 """Bytes of the picture, at most."""
 
-QUALITIES = (75, 65, 55, 45, 35, 25, 15)
+QUALITIES = (80, 70, 62, 55, 48, 41, 34, 27, 20)
 GARMENTS = 2
 FABRICS = ("silk", "cotton", "twill", "leather")
 """From soft to stiff: 3.5, 15, 29 and 142 uN m."""
 
 STRIDE = 2
 """Every second frame is shown: half the bytes, and smooth enough."""
+
+CYCLE = (0.6, 1.6)
+"""Length of what is shown [s]: the part of the clip that comes nearest to its own beginning."""
 
 UPPER, LOWER = 4 / 3, 0.86
 """Height over width of the panels above, of whole bodies, and below, of the garment."""
@@ -88,46 +92,77 @@ def held_out(run: FinishedRun, name: str, label: str) -> Sequence:
     return data.read(rows[:1])[0]
 
 
+def cycle(pose: np.ndarray, fps: float) -> slice:
+    """The frames of a motion, every ``STRIDE``-th, after which it is nearest to where they began.
+
+    Args:
+        pose: Joint rotations [rad], shape [T, 24, 3]; the first joint, which heads elsewhere, is left out.
+        fps: Frame rate [Hz].
+    """
+    shortest, longest = (round(seconds * fps / STRIDE) * STRIDE for seconds in CYCLE)
+    # The way on from both ends counts too, or a step would be joined to its mirror image half a cycle later.
+    joints = np.concatenate([pose[:-1, 1:], np.diff(pose[:, 1:], axis=0) * fps / 10.0], axis=1)
+    found = [
+        (float(np.square(joints[start] - joints[start + length]).sum()), start, length)
+        for length in range(shortest, min(longest, len(joints) - 1) + 1, STRIDE)
+        for start in range(len(joints) - length)
+    ]
+    if not found:
+        return slice(0, len(pose), STRIDE)
+    _, start, length = min(found)
+    return slice(start, start + length, STRIDE)
+
+
 def _truth_and_network(run: FinishedRun, name: str, label: str, width: int) -> list[tuple[str, np.ndarray]]:
     """A clip simulated and predicted, each with its words, drawn alike."""
     garment, truth = run.garment(name), held_out(run, name, label)
     learned = dress(_clip(truth), Wearing(garment)).animation
     body = next(mesh.frames for mesh in learned.meshes if mesh.name == "body")
     size = (width, round(UPPER * width))
-    framing = Framing.of(body, View(28.0, follow=True, margin=0.03), size, truth.vertices)
+    framing, some = Framing.of(body, View(28.0, follow=True, margin=0.03), size, truth.vertices), _cycle(truth)
     return [
-        (f"{name}, simulated", _drawn(garment, truth.vertices, body, framing, size)),
-        (f"{name}, learned", _drawn(garment, _cloth(learned), body, framing, size)),
+        (f"{name}, simulated", _drawn(garment, truth.vertices, body, framing, size, some)),
+        (f"{name}, learned", _drawn(garment, _cloth(learned), body, framing, size, some)),
     ]
 
 
 def _fabrics(run: FinishedRun, name: str, label: str, width: int) -> np.ndarray:
     """A clip in each of ``FABRICS``, near enough to see folds."""
-    garment, clip = run.garment(name), _clip(held_out(run, name, label))
+    garment, truth = run.garment(name), held_out(run, name, label)
     settings = run.config["garments"][name]
     shown = []
     for fabric in FABRICS:
         parameters = base_parameters(base_values(settings | {"fabric": fabric}))
-        shown.append(simulate(clip, Wearing(garment, parameters)).animation)
+        shown.append(simulate(_clip(truth), Wearing(garment, parameters)).animation)
     body = next(mesh.frames for mesh in shown[0].meshes if mesh.name == "body")
     size = (width, round(LOWER * width))
     everything = np.concatenate([_cloth(one) for one in shown], axis=1)
     framing = Framing.of(everything, View(28.0, follow=True, margin=0.02), size)
-    drawn = [_drawn(garment, _cloth(one), body, framing, size) for one in shown]
+    drawn = [_drawn(garment, _cloth(one), body, framing, size, _cycle(truth)) for one in shown]
     return side_by_side(drawn, FABRICS)
 
 
 def _drawn(
-    garment: LearnedGarment, cloth: np.ndarray, body: np.ndarray, framing: Framing, size: tuple[int, int]
+    garment: LearnedGarment,
+    cloth: np.ndarray,
+    body: np.ndarray,
+    framing: Framing,
+    size: tuple[int, int],
+    some: slice,
 ) -> np.ndarray:
-    template, some = garment.template, slice(None, None, STRIDE)
+    """The frames ``some``, under a camera of all frames."""
+    template = garment.template
     framing = Framing(framing.direction, framing.distance, framing.targets[some], framing.field)
     colours = worn_colours(template.worn_as, template.layer)
     body_faces = garment.run.body.faces
     return render_sequence(cloth[some], template.faces, body[some], body_faces, size, colours, framing=framing)
 
 
-def _cloth(animation) -> np.ndarray:
+def _cycle(sequence: Sequence) -> slice:
+    return cycle(sequence.pose, sequence.fps)
+
+
+def _cloth(animation: Animation) -> np.ndarray:
     return next(mesh.frames for mesh in animation.meshes if mesh.name != "body")
 
 

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from pipeline import readme_picture
-from pipeline.readme_picture import LARGEST, make_picture
+from pipeline.readme_picture import LARGEST, cycle, make_picture
 from runtime.finished_run import FinishedRun
 
 
@@ -31,6 +31,16 @@ def test_it_holds_every_panel_and_frame(monkeypatch: pytest.MonkeyPatch, tmp_pat
     with Image.open(path) as image:
         assert image.size[0] == 4 * 60 + 3 * 6, "two panels of each of the first two garments"
         assert image.size[1] > 130 and image.n_frames == 6 and image.info["loop"] == 0
+
+
+def test_a_cycle_begins_where_it_ends() -> None:
+    time = np.arange(60) / 30.0
+    swing = np.stack([np.sin(2 * np.pi * time / 1.2), np.cos(2 * np.pi * time / 1.2)], axis=1)
+    pose = np.zeros((60, 24, 3))
+    pose[:, 1, :2], pose[:, 0, 1] = swing, time
+    found = cycle(pose, 30.0)
+    assert found.stop - found.start == 36 and found.step == 2, "the turn of the whole body counts for nothing"
+    assert cycle(pose[:8], 30.0) == slice(0, 8, 2), "what is too short is shown whole"
 
 
 def test_what_does_not_fit_is_refused_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
