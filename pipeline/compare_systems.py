@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch import nn
 
 from body.model import Body, skin
 from datasets.atomic import atomic_folder
@@ -40,7 +41,7 @@ from models.mesh_vae_gan_fitting import load_mesh_vae_gan
 from models.refinement import RefinementSettings
 from models.shape_descriptor import load_shape_descriptor
 from pipeline.garment_data import load_variant, regressor_predictor
-from pipeline.intrinsic_data import job_codes
+from pipeline.intrinsic_data import job_codes, varied_parameters
 from pipeline.progress import Progress
 from pipeline.sequence_data import job_body, job_sequences
 from pipeline.stage import Job, run_stage
@@ -113,39 +114,31 @@ def main(job: Job) -> None:
     again = load_sequences([repeated], SplitRule(**spec["splits"]), plans=(REPEATED,))
     own = spec["trained_on"]
 
+    def costs(model: str, variant: str, trained_on: str, *networks: nn.Module, more_s: float = 0.0) -> Row:
+        saw = trained_on.startswith("own")
+        return _costs(sizes(*networks), own[trained_on], seconds[model][variant] + more_s, saw)
+
     systems = floors(training, again, body, template, wearing, _simulator_ms(timing), own["own motions"])
     for variant, path in models["garment_regressor"].items():
         regressor = load_variant(variant, path)
         told = isinstance(regressor, ConditionedRegressor)
-        trained = own["own, all" if told else "own motions"]
-        costs = _costs(sizes(regressor), trained, seconds["garment_regressor"][variant])
+        took = costs("garment_regressor", variant, "own, all" if told else "own motions", regressor)
         what = "motion, material" if told else "motion"
-        systems.append(System(SHI, variant, regressor_predictor(regressor), what, variant == PAPER, costs=costs))
+        systems.append(System(SHI, variant, regressor_predictor(regressor), what, variant == PAPER, costs=took))
     descriptor = load_shape_descriptor(descriptor_path, template.faces)
     coded = job_codes(job, codes_path, descriptor_path, (TRAIN, UNSEEN_PARAMETERS))
-    sources = z_sources(coded)
     for variant, path in models["motion_invariant"].items():
         network = load_motion_invariant(path)
-        costs = _costs(sizes(network, descriptor), own["own materials"], seconds["motion_invariant"][variant] + below)
-        predict = material_predictor(network, descriptor, sources)
-        systems.append(System(WANG, variant, predict, "motion, z of other clips", variant == PAPER, costs=costs))
+        took = costs("motion_invariant", variant, "own materials", network, descriptor, more_s=below)
+        predict = material_predictor(network, descriptor, z_sources(coded), varied_parameters(coded))
+        systems.append(System(WANG, variant, predict, "motion, z of other clips", variant == PAPER, costs=took))
     for variant, path in models["gsnet"].items():
         animator = load_animator(path)
-        costs = _costs(sizes(animator), own["wardrobe"], seconds["gsnet"][variant], saw=False)
-        predict = animator_predictor(animator, template, body)
-        what = "motion, material, template"
-        systems.append(System(PENG, variant, predict, what, variant == PAPER, costs=costs))
+        took, predict = costs("gsnet", variant, "wardrobe", animator), animator_predictor(animator, template, body)
+        systems.append(System(PENG, variant, predict, "motion, material, template", variant == PAPER, costs=took))
     for variant, path in models["mesh_vae_gan"].items():
         worn = WornLayer(load_mesh_vae_gan(path, body), body, kind, wearing)
-        costs = _costs(sizes(worn.network), own["layers"], seconds["mesh_vae_gan"][variant], saw=False)
-        shared = {"published": variant == PAPER, "costs": costs}
-        systems.append(System(MA, variant, worn.predict, "pose, type", points=worn.points, **shared))
-        fitted, name = worn.with_mean_residual(training), f"{variant} + mean residual"
-        own_costs = {"costs": costs | {"saw_this_garment": True}, "points": fitted.points}
-        systems.append(System(MA, name, fitted.predict, "pose, type, mean", **shared | own_costs))
-        through = f"{variant}, reconstruction"
-        points = worn.reconstructed_points
-        systems.append(System(MA, through, worn.reconstructed, "the truth", points=points, timed=False, **shared))
+        systems += layered_systems(variant, worn, costs("mesh_vae_gan", variant, "layers", worn.network), training)
     del training
 
     progress = Progress("compare systems", len(test) * len(systems), "sequences")
@@ -198,6 +191,20 @@ def floors(
         blind("ridge regression, pose history", ridge.predict, "motion", timed=True, costs=seen),
         blind(f"PCA-{dimensions} of the truth", pca.predict, "the truth", costs=seen),
         blind("layer of the truth", layered, "the truth"),
+    ]
+
+
+def layered_systems(variant: str, worn: WornLayer, costs: Row, training: Many[Sequence]) -> list[System]:
+    """The Mesh VAE-GAN as it is, with the mean of what it misses of this garment, and through its encoder."""
+    fitted, seen = worn.with_mean_residual(training), costs | {"saw_this_garment": True}
+
+    def system(what: str, predict: Predictor, points: Predictor, told: str, took: Row, timed: bool = True) -> System:
+        return System(MA, f"{variant}{what}", predict, told, variant == PAPER, points, timed, took)
+
+    return [
+        system("", worn.predict, worn.points, "pose, type", costs),
+        system(" + mean residual", fitted.predict, fitted.points, "pose, type, mean", seen),
+        system(", reconstruction", worn.reconstructed, worn.reconstructed_points, "the truth", costs, timed=False),
     ]
 
 

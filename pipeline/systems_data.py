@@ -36,7 +36,7 @@ from models.motion_features import sequence_track
 from models.motion_invariant import MotionInvariantNetwork
 from models.shape_descriptor import ShapeDescriptor
 from pipeline.garment_data import autoencoder_predictor, world_vertices
-from pipeline.intrinsic_data import all_codes, intrinsic_frames, varied_parameters
+from pipeline.intrinsic_data import all_codes, intrinsic_frames
 
 RESIDUAL_CLIPS, RESIDUAL_STRIDE = 24, 6
 """Training clips, evenly spread, and frames of each that tell a mean residual."""
@@ -46,7 +46,7 @@ LATENT_FRAMES = 2000
 
 
 def material_predictor(
-    network: MotionInvariantNetwork, descriptor: ShapeDescriptor, coded: Many[CodedSequence]
+    network: MotionInvariantNetwork, descriptor: ShapeDescriptor, coded: Many[CodedSequence], names: tuple[str, ...]
 ) -> Predictor:
     """Wang's decoder along a motion, with the z of the sequence's material.
 
@@ -54,8 +54,8 @@ def material_predictor(
         network: The autoencoder.
         descriptor: The shape descriptor below it.
         coded: Simulations that z may be taken from. A material with none of them: the predictor has nothing to say.
+        names: Parameters that the network may be told, those that vary in its training.
     """
-    names = varied_parameters(list(coded))
     made: dict[int, Predictor | None] = {}
 
     def of_material(phi: int) -> Predictor | None:

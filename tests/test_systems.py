@@ -176,7 +176,7 @@ def test_z_never_comes_from_a_test_sequence():
     sources = z_sources([base, base_test, shown, test, others])
     assert sources == [base, shown]
     # Of a material that nothing was shown in, the network has nothing to say.
-    assert material_predictor(SimpleNamespace(), SimpleNamespace(), sources)(SimpleNamespace(phi=10)) is None
+    assert material_predictor(SimpleNamespace(), SimpleNamespace(), sources, ())(SimpleNamespace(phi=10)) is None
 
 
 def test_rows_hold_errors_of_garment_and_layer_and_what_each_costs(shirt, body):
