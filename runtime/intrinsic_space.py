@@ -50,6 +50,7 @@ class IntrinsicSpace:
                 f"{garment.run.folder}: the autoencoder in use, '{self.network.config.variant}', is a control that "
                 "finds no z in a shape; use 'pooled' or 'paper'"
             )
+        self._check_ranges()
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -69,6 +70,24 @@ class IntrinsicSpace:
     def tellable(self) -> tuple[str, ...]:
         """Parameters that may be set: those of ``names`` that are not products of others."""
         return tuple(name for name in self.names if name not in GROUPS)
+
+    def _check_ranges(self) -> None:
+        """``ValueError`` where the autoencoder was told of materials that this garment is not sampled from: then it is
+        another garment's, whose shapes are described by as many numbers."""
+        means = self.network.parameter_mean.tolist()
+        for name, mean in zip(self.names, means, strict=True):
+            if name in GROUPS:
+                continue
+            ends = [scale_values({name: end}, LOGARITHMIC)[0] for end in self.garment.ranges[name]]
+            room = 0.1 * (ends[1] - ends[0])
+            if not ends[0] - room <= mean <= ends[1] + room:
+                told = np.exp(mean) if name in LOGARITHMIC else mean
+                low, high = self.garment.ranges[name]
+                raise ValueError(
+                    f"{self.garment.run.folder}: the autoencoder of '{self.garment.name}' was trained on {name} around "
+                    f"{told:.3g}, this garment is sampled from {low:g} to {high:g}; it is another garment's or an "
+                    "older run's, run `snakemake all`"
+                )
 
     def signatures(self, track: MotionTrack) -> np.ndarray:
         """Motion signatures [T, D] of a track of the run's own body."""

@@ -296,16 +296,31 @@ def test_a_mesh_of_another_topology_says_both_counts(run, tmp_path):
         made(compose, run, tmp_path / "out", "--motion", "walk_000", "--keyframe", f"3:{tmp_path / 'other.obj'}")
 
 
-def test_models_of_another_garment_are_refused(run, tmp_path):
+def with_models_of_a_tshirt(run: Path, folder: Path, kinds: tuple[str, ...]) -> Path:
+    """The run, in whose place of the skirt's models of some kinds the T-shirt's lie."""
     for entry in run.iterdir():
         if entry.name != "models":
-            (tmp_path / entry.name).symlink_to(entry)
-    (tmp_path / "models").mkdir()
+            (folder / entry.name).symlink_to(entry)
     for entry in (run / "models").iterdir():
-        target = run / "models" / "tshirt" if entry.name == "skirt" else entry
-        (tmp_path / "models" / entry.name).symlink_to(target)
-    with pytest.raises(SystemExit, match=r"describes a garment of .* vertices .* not this one of 300"):
-        made(compose, tmp_path, tmp_path / "out", "--motion", "walk_000")
+        (folder / "models" / entry.name).mkdir(parents=True)
+        for kind in entry.iterdir():
+            other = run / "models" / "tshirt" / kind.name
+            source = other if entry.name == "skirt" and kind.name in kinds else kind
+            (folder / "models" / entry.name / kind.name).symlink_to(source)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("kind", "sentence"),
+    [
+        ("shape_descriptor", "describes a garment of .* vertices .* not this one of 300"),
+        ("motion_invariant", "was trained on .* around .* this garment is sampled from"),
+    ],
+)
+def test_models_of_another_garment_are_refused(run, tmp_path, kind, sentence):
+    other = with_models_of_a_tshirt(run, tmp_path, (kind,))
+    with pytest.raises(SystemExit, match=sentence):
+        made(compose, other, tmp_path / "out", "--motion", "walk_000")
 
 
 def test_what_exists_is_kept(run, tmp_path):
