@@ -184,6 +184,29 @@ def test_the_anchored_network_is_right_where_the_layer_is_linear(anchored, examp
     assert error < 0.1 * spread
 
 
+def test_each_type_has_components_of_its_own(body, hierarchy, examples, tmp_path):
+    """Two types with four ways to fold each fit a code of four numbers; four components for both would lose half."""
+    generator = np.random.default_rng(1)
+    ways = 0.01 * generator.normal(size=(2, 4, *examples.displacements.shape[1:])).astype(np.float32)
+    hidden = generator.normal(size=(len(examples), 4)).astype(np.float32)
+    field = np.einsum("nh,nhvc->nvc", hidden, ways[examples.type_index])
+    folded, names = replace(examples, displacements=field), [TYPES[k] for k in examples.type_index]
+    chosen = config(body, kind="anchored", pose="6d")
+    module, _ = fit_mesh_vae_gan(folded, hierarchy, body, chosen, 60, replace(SETTINGS, epochs=1), tmp_path / "two")
+    found = module.reconstruct(field, examples.pose, names)
+    assert np.linalg.norm(found - field) < 0.2 * np.linalg.norm(field)
+    few = folded.chosen(np.flatnonzero((examples.type_index == 0) | (np.arange(len(examples)) < 6)))
+    lone, _ = fit_mesh_vae_gan(few, hierarchy, body, chosen, 60, replace(SETTINGS, epochs=1), tmp_path / "few")
+    assert np.isfinite(lone.generate(np.ones((1, 4)), examples.pose[:1], [TYPES[1]])).all()
+
+
+def test_one_z_means_much_the_same_for_all_types(anchored, examples):
+    z, pose = np.random.default_rng(3).normal(size=(12, 4)), np.repeat(examples.pose[:1], 12, axis=0)
+    first, second = (anchored.generate(z, pose, [kind] * 12).reshape(12, -1) for kind in TYPES)
+    agree = np.corrcoef((first - first.mean(0)).ravel(), (second - second.mean(0)).ravel())[0, 1]
+    assert agree > 0.5
+
+
 def test_pose_type_and_z_change_what_is_generated(anchored, examples, body, hierarchy):
     z, pose = np.random.default_rng(3).normal(size=(2, 4)), examples.pose[:2]
     first = anchored.generate(z, pose, [TYPES[0]] * 2)
