@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import viser
 
-from app.session import Look
+from app.frames import Look
 from report.colours import BODY, GARMENT_COLOURS
 
 BACKGROUND = (246, 244, 241)

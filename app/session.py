@@ -13,18 +13,18 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from app.frames import Frames, Look
 from app.materials import Material, nearest_parameters
 from formats.animation import Animation
 from formats.keyframe import read_keyframe
 from formats.motion_file import read_motion
 from motions.clip import Clip
-from runtime.composing import ComposedFrame, Composer
+from runtime.composing import Composer
 from runtime.dressing import Wearing, dressed_animation
 from runtime.finished_run import FinishedRun
 from runtime.intrinsic_space import IntrinsicSpace
@@ -43,23 +43,6 @@ BLOCK = 8
 
 WORKERS = 2
 """Threads that make frames again: most of the time is spent outside of Python's lock."""
-
-
-@dataclass(frozen=True, eq=False)
-class Look:
-    """One frame as it is seen.
-
-    Attributes:
-        frame: Its number.
-        garment: Vertices in the world [m], shape [V, 3].
-        body: The same of the body, shape [B, 3].
-        inside: Numbers of the garment's vertices that are inside the body, or were before they were taken out.
-    """
-
-    frame: int
-    garment: np.ndarray
-    body: np.ndarray
-    inside: np.ndarray
 
 
 class Session:
@@ -88,9 +71,8 @@ class Session:
         self.garments = tuple(run.config["garments"])
         self.labels = tuple(run.generator.config.labels)
         self.refine = True
-        self.version = 0
         self._composer: Composer | None = None
-        self._counting, self._work = threading.Lock(), threading.RLock()
+        self._work = threading.RLock()
         space = IntrinsicSpace(run.garment(garment or self.garments[0]))
         self._start(Composer(space, self._generated(label or self.labels[0], frames, seed)), {})
 
@@ -128,7 +110,7 @@ class Session:
     @property
     def made(self) -> float:
         """Share of the frames that are as the keyframes say."""
-        return float(self._fresh.mean())
+        return self._frames.share
 
     def keyframe(self, frame: int) -> Keyframe | None:
         """The keyframe of a frame, or None."""
@@ -200,7 +182,7 @@ class Session:
         with self._work:
             self._composer.delete(frame)
             self._materials.pop(frame, None)
-        self._changed()
+            self._frames.edited()
 
     def move(self, frame: int, to: int) -> Keyframe:
         """Move a keyframe to another frame that has none."""
@@ -209,7 +191,7 @@ class Session:
         with self._work:
             key = self._composer.move(frame, to)
             self._materials[key.frame] = self._materials.pop(frame)
-        self._changed()
+            self._frames.edited()
         return key
 
     def candidates(self, seeds: range) -> np.ndarray:
@@ -221,17 +203,17 @@ class Session:
         self._check_frame(frame)
         with self._work:
             made = [self._composer.alone(latent).frame(frame, self.refine) for latent in latents]
-        return [Look(frame, one.vertices, one.body, np.flatnonzero(one.inside)) for one in made]
+        return [Look.of(frame, one) for one in made]
 
     def look(self, frame: int) -> Look:
         """A frame as it is now; made at once where it is stale."""
         self._check_frame(frame)
-        version, kept = self._kept(frame)
+        frames = self._frames
+        version, kept = frames.kept(frame)
         if kept is not None:
             return kept
         with self._work:
-            made = self._composer.frame(frame, self.refine)
-        return self._keep(frame, made, version)
+            return frames.keep(Look.of(frame, self._composer.frame(frame, self.refine)), version)
 
     def remake(self, first: int = 0, progress: Callable[[float], None] | None = None) -> bool:
         """Make all stale frames, from ``first`` on and then those before it, on two threads.
@@ -244,36 +226,38 @@ class Session:
             Whether all are; False where an edit came in between.
         """
         with self._work:
-            version, refine = self.version, self.refine
+            frames, refine = self._frames, self.refine
+            version, stale = frames.version, frames.stale(first)
             twins = [self._composer.twin(refiner) for refiner in self._refiners]
-            stale = np.flatnonzero(~self._fresh)
-        stale = np.roll(stale, -np.searchsorted(stale, first))
         blocks = deque(stale[start : start + BLOCK] for start in range(0, len(stale), BLOCK))
 
+        def outdated() -> bool:
+            return frames is not self._frames or version != frames.version
+
         def work(composer: Composer) -> None:
-            while blocks:
+            while True:
                 try:
                     block = blocks.popleft()
                 except IndexError:
                     return
                 for frame, made in zip(block, composer.some_frames(block, refine), strict=True):
-                    self._keep(int(frame), made, version)
-                    if version != self.version:
+                    frames.keep(Look.of(int(frame), made), version)
+                    if outdated():
                         return
                 if progress:
-                    progress(self.made)
+                    progress(frames.share)
 
         with ThreadPoolExecutor(WORKERS) as pool:
             for done in [pool.submit(work, twin) for twin in twins]:
                 done.result()
-        return version == self.version and bool(self._fresh.all())
+        return not outdated() and frames.all_made
 
     def set_refine(self, on: bool) -> None:
         """Whether garments are taken out of the body."""
         if on != self.refine:
             with self._work:
                 self.refine = on
-            self._changed()
+                self._frames.edited()
 
     def use_garment(self, name: str) -> list[int]:
         """Another garment. Keyframes that are materials go with it; what other keyframes are, it does not know.
@@ -316,15 +300,19 @@ class Session:
 
     def animation(self) -> Animation:
         """All of it, to be saved; frames that are stale are made first."""
-        while not self.remake():
-            pass
-        with self._work:
-            garments, bodies = (np.stack(part) for part in zip(*((look.garment, look.body) for look in self._looks)))
-            notes: dict[str, str | float] = {"solver": "composed"}
-            notes |= {f"keyframe_{key.frame}": key.origin for key in self.keyframes}
-            wearing = Wearing(self._composer.space.garment)
-            name = f"{self.garment}_{self.clip.name}"
-            return dressed_animation(name, self.clip, wearing, garments, bodies, notes)
+        while True:
+            self.remake()
+            with self._work:
+                if self._frames.all_made:
+                    return self._animation()
+
+    def _animation(self) -> Animation:
+        garments, bodies = self._frames.stacked()
+        notes: dict[str, str | float] = {"solver": "composed"}
+        notes |= {f"keyframe_{key.frame}": key.origin for key in self.keyframes}
+        wearing = Wearing(self._composer.space.garment)
+        name = f"{self.garment}_{self.clip.name}"
+        return dressed_animation(name, self.clip, wearing, garments, bodies, notes)
 
     def _generated(self, label: str, frames: int, seed: int) -> Clip:
         if not 2 <= frames <= LONGEST:
@@ -336,37 +324,18 @@ class Session:
 
     def _start(self, composer: Composer, materials: dict[int, Material]) -> None:
         """Begin with another garment or motion."""
-        garment = composer.space.garment
-        with self._counting:
-            if self._composer is None or self._composer.space is not composer.space:
-                self._refiners = [garment.refiner(composer.body) for _ in range(WORKERS)]
-            self._composer, self._materials = composer, materials
-            self._looks: list[Look | None] = [None] * composer.frames
-            self._fresh = np.zeros(composer.frames, dtype=bool)
-            self.version += 1
-
-    def _kept(self, frame: int) -> tuple[int, Look | None]:
-        with self._counting:
-            return self.version, self._looks[frame] if self._fresh[frame] else None
-
-    def _keep(self, frame: int, made: ComposedFrame, version: int) -> Look:
-        look = Look(frame, made.vertices, made.body, np.flatnonzero(made.inside))
-        with self._counting:
-            if version == self.version:
-                self._looks[frame], self._fresh[frame] = look, True
-        return look
+        before = self._composer
+        if before is None or before.space is not composer.space:
+            garment = composer.space.garment
+            self._refiners = [garment.refiner(composer.body) for _ in range(WORKERS)]
+        self._composer, self._materials, self._frames = composer, materials, Frames(composer.frames)
 
     def _put(self, key: Keyframe, material: Material) -> Keyframe:
         with self._work:
             key = self._composer.add(key)
             self._materials[key.frame] = material
-        self._changed()
+            self._frames.edited()
         return key
-
-    def _changed(self) -> None:
-        with self._counting:
-            self.version += 1
-            self._fresh[:] = False
 
     def _material_at(self, frame: int) -> Material:
         self._check_frame(frame)

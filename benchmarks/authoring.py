@@ -30,7 +30,7 @@ Row = dict[str, str | float]
 
 
 def measured(what: str, work: Callable[[int], object], repetitions: int, goal: float) -> Row:
-    """Wall clock and processor time of ``work(number)`` [s], medians and the longest; the first run warms up."""
+    """Wall clock and processor time of ``work(number)`` [s], medians, best and longest; the first run warms up."""
     wall, processor = [], []
     for number in range(repetitions + 1):
         start, busy = time.perf_counter(), time.process_time()
@@ -40,6 +40,7 @@ def measured(what: str, work: Callable[[int], object], repetitions: int, goal: f
     return {
         "what": what,
         "median_s": float(np.median(wall[1:])),
+        "best_s": min(wall[1:]),
         "longest_s": max(wall[1:]),
         "processor_s": float(np.median(processor[1:])),
         "goal_s": goal,
@@ -127,10 +128,11 @@ def main() -> None:
     vertices = session.look(0).garment.shape[0]
     print(f"{session.garment}, {vertices} vertices, {session.frames} frames of '{session.clip.label}'")
     for row in rows:
-        print(
-            f"{row['what']:48s}{1e3 * row['median_s']:9.0f} ms, longest {1e3 * row['longest_s']:6.0f}, "
-            f"processor {1e3 * row['processor_s']:6.0f}   goal {1e3 * row['goal_s']:.0f}"
+        median, best, longest, busy, goal = (
+            1e3 * row[f"{part}_s"] for part in ("median", "best", "longest", "processor", "goal")
         )
+        span = f"{best:.0f} to {longest:.0f}"
+        print(f"{row['what']:48s}{median:7.0f} ms, {span:>14s}, processor {busy:5.0f}, at most {goal:.0f}")
     if options.json:
         options.json.write_text(json.dumps(rows, indent=1))
 
