@@ -30,6 +30,8 @@ from report.sheets import contact_sheet, write_image
 
 CODES = 4
 """Random z of a picture, side by side."""
+POSES = 3
+"""Each of a label of its own."""
 STEPS = 5
 """Between two types, both ends among them."""
 COLOURS = np.array([GARMENT_COLOURS["pants"], GARMENT_COLOURS["tshirt"]])
@@ -108,15 +110,15 @@ def _poses_by_codes(
     """Fig. 5: a pose of an unseen clip a row, a z a column, all of one type."""
     kind = "shortlong" if "shortlong" in frames.types else frames.types[-1]
     rows, labels = [], []
-    clips = sorted(set(frames.clip.tolist()))[:3]
-    for clip in clips:
+    of_label = {clip.rsplit("_", 1)[0]: clip for clip in sorted(set(frames.clip.tolist()))}
+    for label, clip in list(of_label.items())[:POSES]:
         own = np.flatnonzero(frames.clip == clip)
         # The frame whose joints are turned farthest: most clips begin and end upright.
         number = int(own[np.abs(frames.pose[own, 1:]).sum(axis=(1, 2)).argmax()])
         pose, root = (np.repeat(getattr(frames, name)[number][None], len(z), axis=0) for name in ("pose", "root"))
         dressed = dressed_body(body, network.generate(z, pose, [kind] * len(z)), pose, root)
         rows.append([painter.draw(one, painter.worn[kind]) for one in dressed])
-        labels.append(clip.rsplit("_", 1)[0])
+        labels.append(label)
     return _written(folder, "poses", "Poses and z", rows, labels, z, "A pose of a clip that was not trained on a row, "
                     f"the same random z in a column; {kind}.")  # fmt: skip
 
