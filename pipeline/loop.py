@@ -1,7 +1,7 @@
 """Make an exact garment loop: the last frame is the first one, in body and garment.
 
     python -m pipeline.loop --garment skirt --motion cycle.bvh --format glb
-    python -m pipeline.loop --garment skirt --motion walk --first 12 --frames 31 --set bend=8e-5
+    python -m pipeline.loop --garment skirt --motion walk --first 18 --frames 30 --tolerance 0.04 --set bend=8e-5
     python -m pipeline.loop --garment tshirt --motion wave-both --close --candidate 0:3 --candidate 30:4
 
 The same motion gives the same garment, so a motion that loops gives a garment that does (Wang 2019): what came before

@@ -5,7 +5,6 @@ Each ``ValueError`` is one sentence that says what there is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -81,8 +80,3 @@ def stretch(clip: Clip, first: int, frames: int | None) -> Clip:
         )
     part = slice(first, last)
     return replace(clip, pose=clip.pose[part], root=clip.root[part])
-
-
-def known_labels(run: FinishedRun) -> Sequence[str]:
-    """Labels that motions can be invented from."""
-    return list(run.generator.config.labels)
