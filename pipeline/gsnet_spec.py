@@ -14,6 +14,9 @@ from sim.fabrics import base_values
 Config = Mapping[str, Any]
 MODEL = "gsnet"
 
+OF_ONE_GARMENT = ("tailornet", "pbns")
+"""Kinds that dress the templates they were made for, and no others."""
+
 
 def train_gsnet_spec(config: Config, variant: str) -> str:
     """A trained variant; one may be a repetition from another seed, as ``trained_variants`` names it."""
@@ -27,6 +30,21 @@ def evaluate_gsnet_spec(config: Config) -> str:
     spec = _learning(config) | {"evaluation": {"frames_stride": config["evaluation"]["frames_stride"]}}
     spec |= {"refinement": config["models"]["refinement"], "use": config["models"][MODEL]["use"]}
     return canonical(spec | {"variants": trained_variants(config, MODEL), "long": sorted(config["garments"])})
+
+
+def drawn_networks(config: Config) -> list[str]:
+    """The network in use, then the trained ones of other kinds that can dress a template which they never saw."""
+    settings = config["models"][MODEL]
+    variants, use = settings["variants"], settings["use"]
+    own = variant_settings(variants, use)["kind"]
+    others = [v for v in variants if "like" not in variants[v] and variants[v]["kind"] not in (own, *OF_ONE_GARMENT)]
+    return [use, *(v for v in others if v != use)]
+
+
+def render_gsnet_spec(config: Config) -> str:
+    """Pictures of unseen templates."""
+    size = {name: config["report"][name] for name in ("width", "height")}
+    return canonical(_learning(config) | {"networks": drawn_networks(config), "report": size})
 
 
 def timed_templates(config: Config) -> list[str]:

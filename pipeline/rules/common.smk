@@ -98,7 +98,7 @@ def part(table):
 
 def losses():
     """The loss tables of all trainings, motion models first."""
-    trainings = motion_trainings()
+    trainings = motion_trainings() + [f"gsnet/{variant}" for variant in spec.trained_variants(config, "gsnet")]
     for garment in GARMENTS:
         for model in ("shape_descriptor", "motion_invariant", "garment_regressor"):
             trainings += [f"{garment}/{model}/{variant}" for variant in spec.trained_variants(config, model)]

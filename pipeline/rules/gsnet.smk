@@ -87,6 +87,29 @@ rule time_gsnet:
         " {input.templates} --device {resources.device} --threads 1 2>&1 | tee {log}"
 
 
+rule render_gsnet:
+    input:
+        models=[gsnet_model(variant) for variant in gsnet_spec.drawn_networks(config)],
+        shards=wardrobe_shards(),
+        templates=wardrobe_templates(),
+        code=stage_sources("render_gsnet"),
+    output:
+        directory(f"{RESULTS}/figures/gsnet"),
+    log:
+        f"{RESULTS}/logs/render_gsnet.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/render_gsnet.tsv"
+    conda:
+        ENVIRONMENT
+    resources:
+        device=DEVICE,
+    params:
+        spec=gsnet_spec.render_gsnet_spec(config),
+    shell:
+        "python -m pipeline.render_gsnet --spec {params.spec:q} --out {output}"
+        " --in {input.models} {input.shards} {input.templates} --device {resources.device} --threads {threads} 2>&1 | tee {log}"
+
+
 # These write whole tables themselves, nothing is left to join.
 ruleorder: evaluate_gsnet > table
 ruleorder: time_gsnet > table
@@ -96,3 +119,4 @@ rule gsnet:
     input:
         rules.evaluate_gsnet.output,
         rules.time_gsnet.output,
+        rules.render_gsnet.output,

@@ -53,7 +53,7 @@ rule report:
     input:
         tables=rules.tables.input,
         figures=expand(f"{RESULTS}/figures/{{garment}}{{of}}", garment=GARMENTS, of=["", "_descriptor"])
-        + [f"{RESULTS}/figures/mesh_vae_gan"],
+        + [f"{RESULTS}/figures/{network}" for network in ("mesh_vae_gan", "gsnet")],
         losses=losses(),
         code=stage_sources("report"),
     output:
