@@ -38,6 +38,10 @@ REPETITIONS = 5
 """Times that a system dresses the timed sequence, after one that warms up."""
 
 
+FARTHEST = 10.0
+"""Distance from the pelvis along each axis at which the vertices of a roll-out that diverges are held [m]."""
+
+
 @dataclass(frozen=True)
 class System:
     """A way to dress the garment.
@@ -85,9 +89,10 @@ def system_rows(
 
     Returns:
         Rows, split by split in order of first appearance. Times are of the first sequence and stand in every row.
+        What diverges is held within ten metres of the body, so that it is seen and nothing else is disturbed.
 
     Raises:
-        ValueError: A sequence of another garment, or a prediction of a wrong shape or with values that are not finite.
+        ValueError: A sequence of another garment, or a prediction of a wrong shape.
     """
     if not sequences:
         raise ValueError(f"systems: no test sequence of garment '{template.name}'; were all of them dropped?")
@@ -132,10 +137,24 @@ class _Watched:
         garment = self.system.predict(sequence)
         if garment is None:
             return None
+        garment = held(garment, sequence)
         points = self.wearing.points(garment) if self.system.points is None else self.system.points(sequence)
         error = mean_vertex_error(np.asarray(points), self.wearing.points(sequence.vertices))
         self.errors.setdefault(sequence.split, []).append(error)
         return garment
+
+
+def held(garment: np.ndarray, sequence: Sequence) -> np.ndarray:
+    """Vertices [T, V, 3] [m] no farther than ``FARTHEST`` from the pelvis along each axis, numbers all of them."""
+    garment = np.asarray(garment)
+    if garment.shape != sequence.vertices.shape:
+        return garment  # whoever evaluates it says so
+    pelvis = np.asarray(sequence.joints[:, :1], dtype=np.float32)
+    local = garment - pelvis
+    if np.abs(local).max() <= FARTHEST:  # not so where one is no number
+        return garment
+    local = np.nan_to_num(local, nan=FARTHEST, posinf=FARTHEST, neginf=-FARTHEST)
+    return np.clip(local, -FARTHEST, FARTHEST) + pelvis
 
 
 def seconds_a_frame(predict: Predictor, sequence: Sequence) -> float:

@@ -29,7 +29,7 @@ from datasets.shards import MATERIALS, MOTIONS, REPEATED, read_header
 from datasets.splits import TRAIN, UNSEEN_BOTH, UNSEEN_MOTIONS, UNSEEN_PARAMETERS, SplitRule
 from evaluation.baselines import ROTATION_OFFSETS, PcaFloor, RidgeRegression, SimulatedAgain, SkinnedTemplate
 from evaluation.regressor import Predictor, RegressorEvaluation
-from evaluation.systems import System, system_rows
+from evaluation.systems import System, held, system_rows
 from evaluation.table import Row, read_table, write_table
 from garments.body_layer import cast_layer
 from garments.layer_wearing import LayerWearing
@@ -228,7 +228,10 @@ def draw(
     posed = body.posed(sequence.pose[frame : frame + 1], sequence.root[frame : frame + 1])
     framing = Framing.of(sequence.vertices[frame : frame + 1], VIEW, size)
     with SceneRenderer(template.faces, body.faces, size, worn_colours(template.worn_as, template.layer)) as scene:
-        rows = [[scene.frame(one(sequence)[frame], posed[0], framing) for one in row] for row in lines.values()]
+        rows = [
+            [scene.frame(held(one(sequence), sequence)[frame], posed[0], framing) for one in row]
+            for row in lines.values()
+        ]
     image = contact_sheet(rows, list(lines), columns)
     write_image(folder / "systems.webp", image)
     text = f"{sequence.label}, frame {frame}: where the simulated garment is farthest from the skinned template."

@@ -204,6 +204,20 @@ def test_rows_hold_errors_of_garment_and_layer_and_what_each_costs(shirt, body):
     assert ours["edge_mm"] == pytest.approx(truth["edge_mm"]) and ours["bend"] == pytest.approx(truth["bend"], rel=1e-4)
 
 
+def test_what_diverges_is_held_and_seen(shirt, body):
+    wearing = LayerWearing(shirt, body, cast_layer(shirt, body))
+
+    def exploding(sequence: Sequence) -> np.ndarray:
+        vertices = sequence.vertices.copy()
+        vertices[3], vertices[4, 0], vertices[5] = 1e30, np.nan, -np.inf
+        return vertices
+
+    systems = [System("A 2020", "paper", exploding, "motion"), System("A 2020", "ours", lambda s: s.vertices, "motion")]
+    rows = system_rows([waving(shirt, body)], systems, body, shirt, wearing, RegressorEvaluation(frames_stride=2))
+    assert 1e3 < rows[0]["error_mm"] < 2e4 and np.isfinite(rows[0]["layer_error_mm"])
+    assert rows[1]["error_mm"] == 0.0
+
+
 def test_what_cannot_be_compared_is_refused_in_one_sentence(shirt, body):
     wearing = LayerWearing(shirt, body, cast_layer(shirt, body))
     one = System("A 2020", "paper", lambda s: s.vertices, "motion")
@@ -239,8 +253,10 @@ def test_the_comparison_knows_what_each_was_trained_on():
     )
     assert trained["own motions"] == [1, len(takes) - held_out]
     assert trained["own, all"][1] > trained["own materials"][1] > 0
-    # One template of each of two categories; of four clips and two in materials, all but held-out takes.
-    assert trained["wardrobe"][0] == 2 and 0 < trained["wardrobe"][1] <= 2 * (4 + 2)
+    wardrobe = config["wardrobe"]
+    seen = len(wardrobe["categories"]) * (wardrobe["templates"] - wardrobe["unseen"])
+    assert trained["wardrobe"][0] == seen
+    assert 0 < trained["wardrobe"][1] <= seen * (wardrobe["clips"] + wardrobe["materials"])
     # Of three bodies two are trained on, in every outfit.
     layers = config["data"]["layers"]
     assert trained["layers"] == [len(layers["types"]), len(layers["types"]) * 2 * layers["clips"]]

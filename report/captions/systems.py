@@ -15,7 +15,7 @@ CAPTIONS: dict[str, Caption] = {
         "middle of what it draws; it learned on outfits of another fabric on other bodies. Its layer moves the body's "
         "vertices: the layer error compares these, and those of everybody's garments; for the other columns it is "
         "carried to the garment's own vertices, at the cost of the row “layer of the truth”. Rows that see the "
-        "truth are references (italic), a reconstruction too.",
+        "truth are references (italic), a reconstruction too. A roll-out that diverges is held at ten metres.",
         "In none of the papers, which do not share data. Edge and bend: Peng 2023, Table 1; the simulation itself "
         "says what is right.",
         made_by("compare_systems", "evaluation/systems.py", "systems"),
