@@ -10,6 +10,7 @@ import torch
 
 from models.pooled_latent import PooledNetwork
 from runtime.intrinsic_space import LOGARITHMIC, IntrinsicSpace
+from sim.parameters import parameter
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,17 @@ def nearest_parameters(space: IntrinsicSpace, latent: np.ndarray) -> dict[str, f
         read = np.array([np.exp(v) if name in LOGARITHMIC else v for name, v in zip(space.names, read, strict=True)])
     values = dict(zip(space.names, read.tolist(), strict=True))
     return {name: float(np.clip(values[name], *garment.ranges[name])) for name in space.tellable}
+
+
+def check_trained(garment: str, ranges: Mapping[str, tuple[float, float]], values: Mapping[str, float]) -> None:
+    """Raise ``ValueError`` for a parameter or a value that the garment's model was not trained on; says on what."""
+    for name, value in values.items():
+        if name not in ranges:
+            raise ValueError(f"'{garment}' was trained on samples of {', '.join(ranges)}, not of {name}")
+        low, high = ranges[name]
+        if not low * (1 - 1e-6) <= value <= high * (1 + 1e-6):
+            unit = parameter(name).unit
+            raise ValueError(f"{name}: '{garment}' was trained on {low:g} to {high:g} {unit}, not on {value:g}")
 
 
 def share_of(name: str, value: float, ends: tuple[float, float]) -> float:

@@ -34,6 +34,7 @@ class MotionControls:
             self._make = gui.add_button("Make this motion", icon=viser.Icon.RUN)
         with gui.add_folder("Motion from a file"):
             gui.add_markdown("BVH, AMASS (`.npz`), or this program's own motions and animations (`.h5`).")
+            self._clip = gui.add_text("Clip", "", hint="Its name, of a file that holds several; empty for the only one")
             self._upload = gui.add_upload_button(
                 "Open a motion", icon=viser.Icon.UPLOAD, mime_type=".bvh,.npz,.h5,.hdf5"
             )
@@ -58,7 +59,8 @@ class MotionControls:
 
     def _uploaded(self, event: viser.GuiEvent) -> None:
         file = event.target.value
-        read_upload(file.name, file.content, self.window.session.use_motion_file)
+        name, session = self._clip.value.strip() or None, self.window.session
+        read_upload(file.name, file.content, lambda path: session.use_motion_file(path, name))
         self._moved()
 
     def _moved(self) -> None:

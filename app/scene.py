@@ -79,21 +79,27 @@ class Scene:
         self.colour = tuple(round(255 * part) for part in known)
         self._faces, self._body_faces = faces, body_faces
         with self.server.atomic():
+            # A shadow map is too coarse for folds and faces: it draws stripes on them.
             self._body = scene.add_mesh_simple(
                 "/stage/body",
                 look.body,
                 body_faces,
                 color=tuple(round(255 * part) for part in BODY),
-                receive_shadow=0.18,
+                receive_shadow=False,
             )
-            # A shadow map is too coarse for folds: on the cloth it draws stripes.
             self._garment = scene.add_mesh_simple(
                 "/stage/garment", look.garment, faces, color=self.colour, side="double", receive_shadow=False
             )
         self.clear_candidates()
 
-    def show(self, look: Look, refined: bool) -> None:
-        """Show a frame."""
+    def show(self, look: Look, place: np.ndarray, refined: bool) -> None:
+        """Show a frame.
+
+        Args:
+            look: The frame.
+            place: Where the body is on the ground, shape [3] [m].
+            refined: Whether the garment was taken out of the body.
+        """
         with self.server.atomic():
             self._body.vertices, self._garment.vertices = look.body, look.garment
             shown = self.highlight and len(look.inside) > 0
@@ -103,7 +109,7 @@ class Scene:
             self._inside.visible = shown
             # What is inside the body is seen through it.
             self._body.opacity = 0.55 if self.highlight and not refined else None
-            self._stage.position = -self._place(look) if self.follow else np.zeros(3)
+            self._stage.position = -place if self.follow else np.zeros(3)
 
     def show_body(self, on: bool) -> None:
         """Whether the body is seen."""
@@ -151,9 +157,3 @@ class Scene:
 
     def _lighter(self) -> tuple[int, int, int]:
         return tuple(round(0.72 * part + 0.28 * 255) for part in self.colour)
-
-    @staticmethod
-    def _place(look: Look) -> np.ndarray:
-        """Where the body is on the ground [m]."""
-        middle = 0.5 * (look.body.min(axis=0) + look.body.max(axis=0))
-        return np.array([middle[0], 0.0, middle[2]])

@@ -16,21 +16,20 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-import torch
+from scipy.ndimage import gaussian_filter
 
 from app.frames import Frames, Look
-from app.materials import Material, nearest_parameters
+from app.materials import Material, check_trained, nearest_parameters
 from formats.animation import Animation
 from formats.keyframe import read_keyframe
 from formats.motion_file import read_motion
 from motions.clip import Clip
+from runtime.asked_motion import asked_motion
 from runtime.composing import Composer
 from runtime.dressing import Wearing, dressed_animation
 from runtime.finished_run import FinishedRun
 from runtime.intrinsic_space import IntrinsicSpace
 from runtime.keyframes import Keyframe
-from runtime.motion_making import generated_clip
-from sim.parameters import parameter
 
 FRAMES = 240
 """Length of a generated motion, at first."""
@@ -45,25 +44,32 @@ WORKERS = 2
 """Threads that make frames again: most of the time is spent outside of Python's lock."""
 
 
+STEADY = 0.2
+"""Seconds over which the path of the body is smoothed."""
+
+
 class Session:
     """One user's work on a finished run. Methods may be called from any thread.
+
+    Attributes:
+        path: Where the body is on the ground, without its sway, shape [T, 3] [m].
 
     Args:
         run: The finished run.
         garment: Garment to begin with; the run's first where None.
-        label: Label of the motion to begin with; the generator's first where None.
-        frames: Length of that motion.
+        motion: Motion to begin with: a label, a clip of the run or a file; the generator's first label where None.
+        frames: Length of a motion that is made of a label.
         seed: Of that motion.
 
     Raises:
-        ValueError: The run lacks what is needed, and what to run; an unknown garment or label, and the known ones.
+        ValueError: The run lacks what is needed, and what to run; an unknown garment or motion, and what is known.
     """
 
     def __init__(
         self,
         run: FinishedRun,
         garment: str | None = None,
-        label: str | None = None,
+        motion: str | None = None,
         frames: int = FRAMES,
         seed: int = 0,
     ) -> None:
@@ -74,7 +80,8 @@ class Session:
         self._composer: Composer | None = None
         self._work = threading.RLock()
         space = IntrinsicSpace(run.garment(garment or self.garments[0]))
-        self._start(Composer(space, self._generated(label or self.labels[0], frames, seed)), {})
+        clip = asked_motion(run, motion or self.labels[0], None, frames, seed)
+        self._start(Composer(space, self._checked(clip)), {})
 
     @property
     def garment(self) -> str:
@@ -148,15 +155,7 @@ class Session:
             ValueError: A parameter or a value that the model was not trained on; says between what it was.
         """
         before, there = self._material_at(frame), self.keyframe(frame)
-        for name, value in changed.items():
-            if name not in self.ranges:
-                raise ValueError(f"'{self.garment}' was trained on samples of {', '.join(self.ranges)}, not of {name}")
-            low, high = self.ranges[name]
-            if not low * (1 - 1e-6) <= value <= high * (1 + 1e-6):
-                unit = parameter(name).unit
-                raise ValueError(
-                    f"{name}: '{self.garment}' was trained on {low:g} to {high:g} {unit}, not on {value:g}"
-                )
+        check_trained(self.garment, self.ranges, changed)
         after = dict(before.parameters) | {name: float(value) for name, value in changed.items()}
         latent = self._latent_of(after)
         if not before.exact:
@@ -279,11 +278,20 @@ class Session:
 
     def use_label(self, label: str, frames: int, seed: int) -> None:
         """A generated motion in place of this one; see :meth:`use_clip`."""
-        self.use_clip(self._generated(label, frames, seed))
+        if label not in self.labels:
+            raise ValueError(f"label {label!r} is unknown; known labels: {', '.join(self.labels)}")
+        if not 2 <= frames <= LONGEST:
+            raise ValueError(f"a motion of {frames} frames: allowed are 2 to {LONGEST}")
+        self.use_clip(asked_motion(self.run, label, None, frames, seed))
 
-    def use_motion_file(self, path: Path) -> None:
-        """The motion of a file in place of this one: BVH, AMASS or our own; see :meth:`use_clip`."""
-        self.use_clip(read_motion(path, self.run.fps, self.run.body))
+    def use_motion_file(self, path: Path, name: str | None = None) -> None:
+        """The motion of a file in place of this one: BVH, AMASS or our own; see :meth:`use_clip`.
+
+        Args:
+            path: The file.
+            name: Which clip, of a file that holds several.
+        """
+        self.use_clip(read_motion(path, self.run.fps, self.run.body, name))
 
     def use_clip(self, clip: Clip) -> None:
         """Another motion. Keyframes stay what they are, at the same share of its length.
@@ -291,10 +299,8 @@ class Session:
         Raises:
             ValueError: It is too long or too short.
         """
-        if not 2 <= clip.frames <= LONGEST:
-            raise ValueError(f"motion '{clip.name}' has {clip.frames} frames, allowed are 2 to {LONGEST}")
         with self._work:
-            composer = self._composer.with_motion(clip)
+            composer = self._composer.with_motion(self._checked(clip))
             scale = (composer.frames - 1) / (self.frames - 1)
             self._start(composer, {round(frame * scale): m for frame, m in sorted(self._materials.items())})
 
@@ -314,20 +320,20 @@ class Session:
         name = f"{self.garment}_{self.clip.name}"
         return dressed_animation(name, self.clip, wearing, garments, bodies, notes)
 
-    def _generated(self, label: str, frames: int, seed: int) -> Clip:
-        if not 2 <= frames <= LONGEST:
-            raise ValueError(f"a motion of {frames} frames: allowed are 2 to {LONGEST}")
-        run, randomness = self.run, torch.Generator().manual_seed(seed)
-        return generated_clip(
-            run.generator, [label], frames, run.segment, run.fps, run.body, randomness, f"{label}_{seed}"
-        )
+    @staticmethod
+    def _checked(clip: Clip) -> Clip:
+        if not 2 <= clip.frames <= LONGEST:
+            raise ValueError(f"motion '{clip.name}' has {clip.frames} frames, allowed are 2 to {LONGEST}")
+        return clip
 
     def _start(self, composer: Composer, materials: dict[int, Material]) -> None:
         """Begin with another garment or motion."""
-        before = self._composer
+        before, clip = self._composer, composer.clip
         if before is None or before.space is not composer.space:
             garment = composer.space.garment
             self._refiners = [garment.refiner(composer.body) for _ in range(WORKERS)]
+        pelvis = (self.run.body.joints[0] + clip.root) * (1.0, 0.0, 1.0)
+        self.path = gaussian_filter(pelvis, (STEADY * clip.fps, 0.0), mode="nearest")
         self._composer, self._materials, self._frames = composer, materials, Frames(composer.frames)
 
     def _put(self, key: Keyframe, material: Material) -> Keyframe:

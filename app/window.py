@@ -78,7 +78,7 @@ class Window:
         with self._showing:
             self.frame = min(self.frame if frame is None else frame, self.session.frames - 1)
             look = self.session.look(self.frame)
-            self.scene.show(look, self.session.refine)
+            self.scene.show(look, self.session.path[look.frame], self.session.refine)
             self.view.say_inside(len(look.inside))
 
     def go(self, frame: int) -> None:

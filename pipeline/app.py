@@ -1,7 +1,7 @@
 """The authoring app: shape garments by hand in a browser, with the networks of a finished run.
 
     python -m pipeline.app
-    python -m pipeline.app --run results/smoke --garment tshirt --label walk --port 9000
+    python -m pipeline.app --run results/smoke --garment tshirt --motion walk --port 9000
 
 Nothing is trained: the app needs a finished run, which `make all` makes (`make smoke` a tiny one). It listens at this
 machine alone (127.0.0.1) unless --host says otherwise; whoever reaches it can use it, there is no password.
@@ -22,8 +22,10 @@ def define(parser: argparse.ArgumentParser) -> None:
     """Options of the command."""
     parser.add_argument("--run", default="results/default", help="folder of a finished run (%(default)s)")
     parser.add_argument("--garment", help="garment to begin with; the run's first by default")
-    parser.add_argument("--label", help="label of the motion to begin with; the run's first by default")
-    parser.add_argument("--frames", type=int, default=240, help="length of that motion (%(default)s)")
+    parser.add_argument(
+        "--motion", help="motion to begin with: a label, a clip of the run or a file; the first label by default"
+    )
+    parser.add_argument("--frames", type=int, default=240, help="length of a motion made of a label (%(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="other seeds, other motions (%(default)s)")
     parser.add_argument("--out", default="exports", help="folder of exports, made where it is missing (%(default)s)")
     parser.add_argument("--host", default="127.0.0.1", help="address to listen at (%(default)s: this machine alone)")
@@ -41,7 +43,7 @@ def serve(options: argparse.Namespace) -> None:
 
     server = start_server(options.host, options.port, f"Drapeline · {Path(options.run).name}")
     try:
-        session = Session(run, options.garment, options.label, options.frames, options.seed)
+        session = Session(run, options.garment, options.motion, options.frames, options.seed)
         window = Window(server, session, Path(options.out))
     except BaseException:
         server.stop()

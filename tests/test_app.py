@@ -151,6 +151,9 @@ def test_materials_go_to_another_garment_and_keyframes_to_another_motion(session
     assert [key.frame for key in session.keyframes] == [10]  # the same share of its length
     with pytest.raises(ValueError, match="allowed are 2 to"):
         session.use_label("squat", 1, 0)
+    # A page could send anything: what is no label is no file either.
+    with pytest.raises(ValueError, match="known labels: squat, walk"):
+        session.use_label(str(session.run.folder / "motions" / "batch_0000.h5"), 24, 0)
     assert session.frames == 47
 
 
@@ -167,8 +170,8 @@ def test_what_is_saved_can_be_opened_as_a_motion(session, tmp_path):
 def test_exports_are_never_written_over_each_other(session, tmp_path):
     animation = session.animation()
     first, second = export(animation, tmp_path, "h5"), export(animation, tmp_path, "h5")
-    assert first.name == "skirt_walk_0.h5" and second.name == "skirt_walk_0_2.h5"
-    assert load_animation(second).name == "skirt_walk_0_2"
+    assert first.name == "skirt_walk_0000.h5" and second.name == "skirt_walk_0000_2.h5"
+    assert load_animation(second).name == "skirt_walk_0000_2"
     folder = export(animation, tmp_path, "pc2")
     assert folder.is_dir() and {"h5", "pc2"} <= set(KINDS)
 
