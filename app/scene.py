@@ -129,7 +129,13 @@ class Scene:
                 name = f"/stage/candidates/{number + 1}"
                 self._candidates += [scene.add_frame(name, show_axes=False, position=place)]
                 body = scene.add_mesh_simple(
-                    f"{name}/body", look.body, self._body_faces, color=(208, 203, 198), opacity=0.35, cast_shadow=False
+                    f"{name}/body",
+                    look.body,
+                    self._body_faces,
+                    color=(208, 203, 198),
+                    opacity=0.35,
+                    cast_shadow=False,
+                    receive_shadow=False,
                 )
                 garment = scene.add_mesh_simple(
                     f"{name}/garment",

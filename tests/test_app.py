@@ -13,6 +13,7 @@ from app.materials import share_of, value_of
 from app.server import allowed_pages, page_address, start_server
 from app.session import Session
 from app.uploads import LARGEST, harmless, read_upload
+from benchmarks.authoring import edit_rows, sequence_rows
 from formats.animation_file import load_animation, write_animation_file
 from pipeline.app import main
 from runtime.finished_run import FinishedRun
@@ -172,8 +173,25 @@ def test_exports_are_never_written_over_each_other(session, tmp_path):
     first, second = export(animation, tmp_path, "h5"), export(animation, tmp_path, "h5")
     assert first.name == "skirt_walk_0000.h5" and second.name == "skirt_walk_0000_2.h5"
     assert load_animation(second).name == "skirt_walk_0000_2"
-    folder = export(animation, tmp_path, "pc2")
-    assert folder.is_dir() and {"h5", "pc2"} <= set(KINDS)
+    folders = [export(animation, tmp_path, kind) for kind in ("pc2", "obj", "obj")]
+    assert [folder.name for folder in folders] == [
+        "skirt_walk_0000_pc2",
+        "skirt_walk_0000_obj",
+        "skirt_walk_0000_2_obj",
+    ]
+    assert all(folder.is_dir() for folder in folders) and {"h5", "pc2", "obj"} <= set(KINDS)
+
+
+def test_the_benchmark_times_every_kind_of_edit_and_the_whole_sequence(session):
+    rows = edit_rows(session, 1, "idle") + sequence_rows(session, 1)
+    assert [row["what"] for row in rows] == [
+        *(f"edit: {what}, idle" for what in ("a parameter", "a candidate", "a mesh from a file", "a far keyframe")),
+        "edit: refinement, idle",
+        "all 24 frames",
+        "all 24 frames, not refined",
+    ]
+    assert all(0 < row["best_s"] <= row["median_s"] <= row["longest_s"] for row in rows)
+    assert session.refine
 
 
 def test_uploads_are_judged_before_and_by_their_readers(session):
