@@ -66,10 +66,10 @@ PAPERS = {"garment_regressor": SHI, "motion_invariant": WANG, "gsnet": PENG, "me
 PAPER = "paper"
 """Variant that follows the paper."""
 
-TESTS = 10
+TESTS = 8
 """Sequences of a split, evenly spread, that systems are tested on."""
 
-DETAILED = 3
+DETAILED = 2
 """Of these, sequences of which more than the errors is computed."""
 
 VIEW = View(azimuth=25.0, elevation=6.0, margin=0.10)

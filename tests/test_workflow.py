@@ -40,6 +40,7 @@ TABLES = (
     "mesh_vae_gan",
     "mesh_vae_gan_generation",
     "layer_transfer",
+    "systems",
 )
 
 

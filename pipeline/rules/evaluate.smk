@@ -234,7 +234,7 @@ TABLES = [
     "mesh_vae_gan",
     "mesh_vae_gan_generation",
     "layer_transfer",
-]
+] + (["systems"] if config["systems"]["garment"] else [])
 
 
 rule tables:

@@ -53,7 +53,8 @@ rule report:
     input:
         tables=rules.tables.input,
         figures=expand(f"{RESULTS}/figures/{{garment}}{{of}}", garment=GARMENTS, of=["", "_descriptor"])
-        + [f"{RESULTS}/figures/{network}" for network in ("mesh_vae_gan", "gsnet")],
+        + [f"{RESULTS}/figures/{network}" for network in ("mesh_vae_gan", "gsnet")]
+        + ([f"{RESULTS}/figures/systems"] if COMPARED else []),
         losses=losses(),
         code=stage_sources("report"),
     output:
