@@ -19,33 +19,27 @@ CAPTIONS: dict[str, Caption] = {
         _LONG,
     ),
     "composition": Caption(
-        "Sequences composed from keyframes",
+        "Sequences composed from keyframes: RMSE [mm] by number of keyframes",
         "Keyframes are simulated shapes; what is filled in between is held against the simulation, keyframes left out. "
         "Interpolation of vertices or of descriptors knows nothing of the motion. In the intrinsic space, the latents "
         "of the keyframes are interpolated and decoded along the motion; with their detail kept, what a given shape "
-        "has beyond the decoded one fades from there, and more keyframes help. Nothing is refined here: vertices "
-        "inside the body are those that refinement would have to move. For the same: keyframes that a method needs "
-        "for the error that the intrinsic space has with two, and their share of the frames; empty where 48 are too "
-        "few.",
-        "Wang 2019, Figure 13 and section 4 (iii): keyframes of 20% of the frames become 1 to 2%.",
+        "has beyond the decoded one fades from there, and more keyframes help. Nothing is refined here: the full table "
+        "has the vertices inside the body, which refinement would have to move.",
+        "Wang 2019, Figure 13.",
         _MADE,
         _LONG,
-        (
-            "garment",
-            "split",
-            "method",
-            "keyframes",
-            "rmse_mm",
-            "inside_percent",
-            "keyframes_for_the_same",
-            "share_for_the_same_percent",
-            "sequences",
-        ),
+    ),
+    "composition_share": Caption(
+        "Keyframes for the same error, in percent of the frames",
+        "What a method needs for the error that the intrinsic space has with two keyframes.",
+        "Wang 2019, section 4 (iii): keyframes of 20% of the frames become 1 to 2%.",
+        _MADE,
+        _LONG,
     ),
     "inference": Caption(
         "Parameters told from a shape: R² by frames that are looked at",
-        "Estimates by the autoencoder in use, from one frame and from stretches of more. The full table has how often "
-        "and how wide the intervals are.",
+        "Estimates by the autoencoder in use, from one frame and from stretches of more. The full table has the "
+        "other split.",
         "Wang 2019 has no figure.",
         made_by("evaluate_composition", "evaluation/parameter_reader.py", "inference"),
         "Parameter sets that were not trained on.",
