@@ -9,6 +9,7 @@ import pytest
 import trimesh
 
 from app.exporting import KINDS, export
+from app.frames import Frames, Look
 from app.materials import share_of, value_of
 from app.server import allowed_pages, page_address, start_server
 from app.session import Session
@@ -76,6 +77,17 @@ def test_an_edit_stops_what_is_being_made(session):
 
     assert not session.remake(progress=edit)
     assert session.made < 1.0 and session.remake()
+
+
+def test_a_frame_made_before_an_edit_is_not_kept_after_it():
+    frames, look = Frames(2), Look(1, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(0, np.int64))
+    version, there = frames.kept(1)
+    assert there is None
+    frames.edited()
+    frames.keep(look, version)
+    assert frames.kept(1)[1] is None and frames.share == 0.0
+    frames.keep(look, frames.version)
+    assert frames.kept(1)[1] is look and frames.share == 0.5 and list(frames.stale(1)) == [0]
 
 
 def test_a_candidate_keeps_what_it_has_beyond_its_parameters_when_a_slider_moves(session):
