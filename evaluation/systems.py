@@ -52,7 +52,8 @@ class System:
         predict: Vertices in the world [m], [T, V, 3], of a sequence; None where it has nothing to say.
         told: What it is told of the sequence.
         published: Whether it follows the paper; None where there is no paper.
-        points: The points over the body [m], [T, C, 3], that it says itself; those of its garment where None.
+        points: The points over the body [m], [T, C, 3], of a system that says these: ``predict`` is then the garment
+            at them. None: they are those of its garment.
         timed: Whether its time is measured: not where it sees the truth.
         costs: Further columns: parameters, training.
     """
@@ -134,12 +135,19 @@ class _Watched:
 
     def predict(self, sequence: Sequence) -> np.ndarray | None:
         """What the system says."""
-        garment = self.system.predict(sequence)
-        if garment is None:
-            return None
-        garment = held(garment, sequence)
-        points = self.wearing.points(garment) if self.system.points is None else self.system.points(sequence)
-        error = mean_vertex_error(np.asarray(points), self.wearing.points(sequence.vertices))
+        wearing, system = self.wearing, self.system
+        if system.points is None:
+            garment = system.predict(sequence)
+            if garment is None:
+                return None
+            garment = held(garment, sequence)
+            points = wearing.points(garment)
+        else:
+            points = system.points(sequence)
+            if points is None:
+                return None
+            garment = held(wearing.garment(points, sequence.pose, sequence.root), sequence)
+        error = mean_vertex_error(np.asarray(points), wearing.points(sequence.vertices))
         self.errors.setdefault(sequence.split, []).append(error)
         return garment
 
