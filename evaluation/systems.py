@@ -42,6 +42,10 @@ FARTHEST = 10.0
 """Distance from the pelvis along each axis at which the vertices of a roll-out that diverges are held [m]."""
 
 
+ADRIFT = 1.0
+"""Mean error above which a garment is not on its body any more [m]."""
+
+
 @dataclass(frozen=True)
 class System:
     """A way to dress the garment.
@@ -108,6 +112,9 @@ def system_rows(
     for row in found:
         name, split = str(row["method"]), str(row["split"])
         system = named[name]
+        figures = {ours: row.get(theirs) for theirs, ours in FIGURES.items()}
+        if figures["error_mm"] > 1e3 * ADRIFT:  # nowhere near the body, nothing is inside it
+            figures |= {"collision_percent": None, "deepest_mm": None}
         rows.append(
             {
                 "split": split,
@@ -116,7 +123,7 @@ def system_rows(
                 "published": system.published,
                 "told": system.told,
                 "sequences": row["sequences"],
-                **{ours: row.get(theirs) for theirs, ours in FIGURES.items()},
+                **figures,
                 "layer_error_mm": 1e3 * float(np.mean(watched[name].errors[split])),
                 "time_ms_per_frame": milliseconds.get(name),
             }

@@ -218,7 +218,8 @@ def test_what_diverges_is_held_and_seen(shirt, body):
     systems = [System("A 2020", "paper", exploding, "motion"), System("A 2020", "ours", lambda s: s.vertices, "motion")]
     rows = system_rows([waving(shirt, body)], systems, body, shirt, wearing, RegressorEvaluation(frames_stride=2))
     assert 1e3 < rows[0]["error_mm"] < 2e4 and np.isfinite(rows[0]["layer_error_mm"])
-    assert rows[1]["error_mm"] == 0.0
+    assert rows[0]["collision_percent"] is None  # none of it is inside the body, which is no merit
+    assert rows[1]["error_mm"] == 0.0 and rows[1]["collision_percent"] is not None
 
 
 def test_what_cannot_be_compared_is_refused_in_one_sentence(shirt, body):
