@@ -33,6 +33,9 @@ MOST_FRAMES = 200
 TIMED = 20
 """Layers generated one by one; the fastest counts, for the machine may be busy with other things."""
 
+ANCHORED = ("mean", "regression", "directions", "bases", "inverses")
+"""Buffers that are fitted to the data, though by no gradient."""
+
 Through = Callable[[LayerExamples], np.ndarray]
 
 
@@ -158,8 +161,10 @@ def fastest(network: MeshVaeGan, pose: np.ndarray, types: list[str]) -> float:
 
 
 def _trained_numbers(network: MeshVaeGan) -> int:
-    """Trained parameters without the discriminator's, which nobody needs after training."""
-    return sum(p.numel() for name, p in network.named_parameters() if not name.startswith("discriminator"))
+    """Numbers fitted to the data that a layer takes: no discriminator's, nobody needs it after training."""
+    fitted = [p for name, p in network.named_parameters() if not name.startswith("discriminator")]
+    fitted += [value for name, value in network.named_buffers() if name in ANCHORED]
+    return sum(one.numel() for one in fitted)
 
 
 def _network(network: MeshVaeGan) -> Through:
