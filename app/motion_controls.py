@@ -45,26 +45,23 @@ class MotionControls:
         self._upload.on_upload(window.guarded(self._uploaded))
 
     def _dressed(self, event: viser.GuiEvent) -> None:
-        given_up = self.window.session.use_garment(self._garment.value)
-        self.window.dress()
+        given_up = self.window.change(lambda: self.window.session.use_garment(self._garment.value))
         if given_up:
             listed = ", ".join(str(frame) for frame in given_up)
             self.window.say(
                 event.client, "Another garment", f"Only materials go from garment to garment: given up at {listed}."
             )
 
-    def _labelled(self, event: viser.GuiEvent) -> None:
-        self.window.session.use_label(self._label.value, int(self._frames.value), int(self._seed.value))
-        self._moved()
+    def _labelled(self, _: viser.GuiEvent) -> None:
+        label, frames, seed = self._label.value, int(self._frames.value), int(self._seed.value)
+        self.window.change(lambda: self.window.session.use_label(label, frames, seed))
+        self._told.content = self._described()
 
     def _uploaded(self, event: viser.GuiEvent) -> None:
-        file = event.target.value
-        name, session = self._clip.value.strip() or None, self.window.session
-        read_upload(file.name, file.content, lambda path: session.use_motion_file(path, name))
-        self._moved()
-
-    def _moved(self) -> None:
-        self.window.dress()
+        file, name, session = event.target.value, self._clip.value.strip() or None, self.window.session
+        self.window.change(
+            lambda: read_upload(file.name, file.content, lambda path: session.use_motion_file(path, name))
+        )
         self._told.content = self._described()
 
     def _described(self) -> str:

@@ -11,6 +11,7 @@ import logging
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import viser
 
@@ -29,6 +30,8 @@ _HINT = """
 Drag to turn, scroll to come nearer, right-drag to move. **Every change of shape makes a keyframe at the frame that you
 see**; between keyframes the garment passes from one to the next, whatever the body does.
 """
+
+T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
 
@@ -65,7 +68,8 @@ class Window:
             self.export = ExportControls(self)
         self.redo = Redo(session, lambda: self.frame, self.timeline.progress, self._failed)
         self.player = Player(session.clip.fps, self._advance, self._failed)
-        self.dress()
+        self._dress()
+        self.edited()
 
     def stop(self) -> None:
         """End its threads and the server."""
@@ -107,14 +111,13 @@ class Window:
         self.keys.at(self.frame)
         self.shapes.at(self.frame, dragged)
 
-    def dress(self) -> None:
-        """After another garment or motion: everything anew."""
+    def change(self, work: Callable[[], T]) -> T:
+        """Take another garment or motion by ``work``, and show it; nothing is shown while they are exchanged."""
         with self._showing:
-            session = self.session
-            self.frame = min(self.frame, session.frames - 1)
-            self.scene.dress(session.garment, session.faces, session.run.body.faces, session.look(self.frame))
-            self.shapes.build()
+            result = work()
+            self._dress()
         self.edited()
+        return result
 
     def play(self, on: bool) -> None:
         """Play or pause."""
@@ -144,6 +147,12 @@ class Window:
     def say(self, client: viser.ClientHandle, title: str, text: str, colour: str | None = None) -> None:
         """A notification on one page."""
         client.add_notification(title, text, color=colour, auto_close_seconds=12.0)
+
+    def _dress(self) -> None:
+        session = self.session
+        self.frame = min(self.frame, session.frames - 1)
+        self.scene.dress(session.garment, session.faces, session.run.body.faces, session.look(self.frame))
+        self.shapes.build()
 
     def _advance(self, steps: int) -> None:
         self.show((self.frame + steps) % self.session.frames)

@@ -54,6 +54,8 @@ def test_an_edit_shows_at_once_and_all_frames_are_made_again(session):
     # In between it passes from the one to the other.
     mixed = session.latent(0) * (1 - 10 / 23) + session.latent(23) * 10 / 23
     np.testing.assert_allclose(session.latent(10), mixed, atol=1e-5)
+    session.insert_parameters(10, {"density": low})
+    assert session.parameters_at(10)["density"] == low
     with pytest.raises(ValueError, match=rf"trained on {low:g} to {high:g} kg/m\^2"):
         session.insert_parameters(0, {"density": 2 * high})
     with pytest.raises(ValueError, match="not of substeps"):
@@ -110,6 +112,12 @@ def test_candidates_differ_and_are_functions_of_their_seed(session):
     looks = session.look_of(0, latents)
     assert np.abs(looks[0].garment - looks[1].garment).max() > 1e-4
     assert session.keyframes == ()
+
+
+def test_the_picture_follows_the_body(session):
+    pelvis = session.clip.root + session.run.body.joints[0]
+    assert np.ptp(pelvis[:, [0, 2]], axis=0).max() > 0.02
+    assert np.abs(session.path - pelvis)[:, [0, 2]].max() < 0.15 and (session.path[:, 1] == 0).all()
 
 
 def test_keyframes_are_moved_and_deleted(session):

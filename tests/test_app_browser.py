@@ -89,6 +89,8 @@ def test_a_garment_is_authored_in_the_browser(window, tmp_path):
         assert np.abs(session.look(LAST).garment - garment).max() > 1e-5
         page.click("Send them away")
         wait_until(lambda: window.scene.candidates == 0, "the candidates to go")
+        wait_until(lambda: "Send them away" not in page.text(), "the page to know it")
+        candidate = _seen(page)
 
         # A file that is no mesh is refused in one sentence; the garment's own mesh becomes the shape that is seen.
         bad = tmp_path / "bad.obj"
@@ -100,8 +102,7 @@ def test_a_garment_is_authored_in_the_browser(window, tmp_path):
         page.choose_file(".obj,.ply", _wider(session, tmp_path))
         page.wait_for("keyframe: wider.obj")
         assert np.ptp(session.look(LAST).garment[:, 0]) > 1.2 * np.ptp(garment[:, 0])
-        wait_until(lambda: _difference(before, _seen(page)) > 0.5, "the garment to look wider")
-        after = _seen(page)
+        wait_until(lambda: _difference(candidate, _seen(page)) > 0.5, "the garment to look wider")
 
         page.click("Export")
         page.click("h5")
@@ -111,6 +112,7 @@ def test_a_garment_is_authored_in_the_browser(window, tmp_path):
         np.testing.assert_array_equal(exported.mesh("skirt").frames[LAST], session.look(LAST).garment)
 
         # What there is, is there again.
+        after = _seen(page)
         page.reload()
         page.wait_for("keyframe: wider.obj")
         wait_until(lambda: _difference(after, _seen(page)) < 0.3, "the same picture again")
