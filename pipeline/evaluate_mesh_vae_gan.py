@@ -2,8 +2,8 @@
 
 In: all variants and the layer files of all types. Out: two tables. ``mesh_vae_gan``: error of each network's
 reconstruction on covered vertices, and how far its wrinkles are from the true ones, beside principal components of the
-same length, for new clips, new bodies and both. ``mesh_vae_gan_generation``: layers of random z at poses and types of
-held-out frames: wrinkles, a linear judge's accuracy, time a layer.
+same length, of all types and of each, for new clips, new bodies and both. ``mesh_vae_gan_generation``: layers of random
+z at poses and types of held-out frames: wrinkles, a linear judge's accuracy, time a layer.
 """
 
 from __future__ import annotations
@@ -61,6 +61,11 @@ def main(job: Job) -> None:
     methods: dict[str, tuple[Through, int]] = {"mean layer": (_mean_of_type(training), len(training.types) * numbers)}
     pca, decode = _principal(training, used.config.latent, spec["seed"])
     methods[f"PCA, {used.config.latent}"] = (pca, (used.config.latent + 1) * numbers)
+    parts = [training.chosen(training.type_index == k) for k in range(len(training.types))]
+    if min(map(len, parts)) > 1:
+        fitted = [_principal(part, used.config.latent, spec["seed"])[0] for part in parts]
+        numbers_of_types = len(parts) * (used.config.latent + 1) * numbers
+        methods[f"PCA a type, {used.config.latent}"] = (_by_type(fitted), numbers_of_types)
     for name, network in networks.items():
         methods[name] = (_network(network), _trained_numbers(network))
     write_table(job.outputs[0], reconstruction_rows(methods, tests, wrinkles, spec["use"]))
@@ -177,6 +182,20 @@ def _mean_of_type(training: LayerExamples) -> Through:
     rows = [training.displacements[training.type_index == k] for k in range(len(training.types))]
     means = np.stack([one.mean(axis=0) if len(one) else training.displacements.mean(axis=0) for one in rows])
     return lambda frames: means[frames.type_index]
+
+
+def _by_type(fitted: list[Through]) -> Through:
+    """Each frame by what was fitted to frames of its type."""
+
+    def through(frames: LayerExamples) -> np.ndarray:
+        found = np.empty_like(frames.displacements)
+        for k, own in enumerate(fitted):
+            rows = frames.type_index == k
+            if rows.any():
+                found[rows] = own(frames.chosen(rows))
+        return found
+
+    return through
 
 
 def _principal(training: LayerExamples, length: int, seed: int) -> tuple[Through, Callable[[np.ndarray], np.ndarray]]:

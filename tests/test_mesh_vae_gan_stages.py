@@ -113,8 +113,9 @@ def test_networks_are_trained_judged_and_drawn(config, layers):
     assert {row["split"] for row in rows} == set(evaluate_mesh_vae_gan.SCENARIOS)
     for split in evaluate_mesh_vae_gan.SCENARIOS:
         error = {row["method"]: row["error_mm"] for row in rows if row["split"] == split}
-        assert set(error) == {"mean layer", "PCA, 8", "anchored", "coma-4"}
+        assert set(error) == {"mean layer", "PCA, 8", "PCA a type, 8", "anchored", "coma-4"}
         assert error["anchored"] < error["mean layer"]
+        assert error["PCA a type, 8"] < error["mean layer"]
     generated = {row["method"]: row for row in read_table(layers / tables[1])}
     assert set(generated) == {"PCA, 8, random", "anchored"}, "what has no condition cannot be asked for a pose"
     assert generated["anchored"]["time_ms_per_frame"] > 0.0

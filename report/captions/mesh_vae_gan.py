@@ -11,9 +11,10 @@ CAPTIONS: dict[str, Caption] = {
         "training frames; every network sees each of them as often, in batches of one size. “Anchored” is ours: it "
         "starts from a regression on pose and type and from the principal components of what that leaves over, each "
         "type's its own, and has most of its lead before the first step: in so short a training networks alone stay "
-        "behind principal components. “Paper” is Ma 2019 at our size; its four ablations leave out what their names "
-        "say. CoMA knows neither pose nor type. Wrinkle error: earth mover's distance between the distributions of the "
-        "angles between neighbouring faces, method against simulation; a smooth layer is as wrong as a noisy one. "
+        "behind principal components. “PCA a type” are those of each type of clothing. “Paper” is Ma 2019 at our size; "
+        "its four ablations leave out what their names say. CoMA knows neither pose nor type. Wrinkle error: earth "
+        "mover's distance between the distributions of the angles between neighbouring faces, method against "
+        "simulation; a smooth layer is as wrong as a noisy one. "
         "Parameters: numbers that are fitted to the data, without a discriminator's.",
         "Ma 2019, Table 1 with its ablations.",
         made_by("evaluate_mesh_vae_gan", "evaluation/clothing_layer.py", "mesh_vae_gan"),
