@@ -17,6 +17,7 @@ import numpy as np
 
 from body.model import Body
 from datasets.sequences import Sequence
+from evaluation.divergence import held_near
 from evaluation.metrics import mean_vertex_error
 from evaluation.regressor import Predictor, RegressorEvaluation, regressor_rows
 from evaluation.table import Row
@@ -36,10 +37,6 @@ FIGURES = {
 
 REPETITIONS = 5
 """Times that a system dresses the timed sequence, after one that warms up."""
-
-
-FARTHEST = 10.0
-"""Distance from the pelvis along each axis at which the vertices of a roll-out that diverges are held [m]."""
 
 
 ADRIFT = 1.0
@@ -160,16 +157,14 @@ class _Watched:
 
 
 def held(garment: np.ndarray, sequence: Sequence) -> np.ndarray:
-    """Vertices [T, V, 3] [m] no farther than ``FARTHEST`` from the pelvis along each axis, numbers all of them."""
+    """Vertices [T, V, 3] [m] held near the pelvis: ``evaluation.divergence``."""
     garment = np.asarray(garment)
     if garment.shape != sequence.vertices.shape:
         return garment  # whoever evaluates it says so
     pelvis = np.asarray(sequence.joints[:, :1], dtype=np.float32)
     local = garment - pelvis
-    if np.abs(local).max() <= FARTHEST:  # not so where one is no number
-        return garment
-    local = np.nan_to_num(local, nan=FARTHEST, posinf=FARTHEST, neginf=-FARTHEST)
-    return np.clip(local, -FARTHEST, FARTHEST) + pelvis
+    near = held_near(local)
+    return garment if near is local else near + pelvis
 
 
 def seconds_a_frame(predict: Predictor, sequence: Sequence) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from body.model import Body
 from datasets.sequences import Sequence
+from evaluation.divergence import held_near
 from geometry.rotations import axis_angle_to_matrix
 from models.garment_animator import Animator
 from models.garment_graph import GarmentGraph, material_row
@@ -42,10 +43,11 @@ def canonical_vertices(sequence: Sequence) -> np.ndarray:
 def dressed(
     animator: Animator, graph: GarmentGraph, sequences: Many[Sequence], body: Body, materials: Many[str]
 ) -> list[np.ndarray]:
-    """Canonical vertices [T, N, 3] of one garment on the motions of sequences, in their materials."""
+    """Canonical vertices [T, N, 3] of a garment on the motions of sequences, in their materials, held near the body."""
     found: list[np.ndarray] = []
     for start in range(0, len(sequences), TOGETHER):
         some = sequences[start : start + TOGETHER]
         rows = [material_row(s.parameters, materials) for s in some]
-        found += animator.dress_all(graph, rows, [sequence_track(s) for s in some], body)
+        made = animator.dress_all(graph, rows, [sequence_track(s) for s in some], body)
+        found += [held_near(vertices) for vertices in made]
     return found

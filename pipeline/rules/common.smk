@@ -3,7 +3,7 @@
 import sys
 from glob import glob
 
-from pipeline import spec, wardrobe_plan
+from pipeline import spec, systems_spec, wardrobe_plan
 from pipeline.config import ConfigError, check_config, read_layers, without_nulls
 from pipeline.plan import batch_count, learning_batch_count, shard_batches, shard_names
 from pipeline.sources import stage_sources
@@ -23,6 +23,7 @@ RESULTS = f"results/{config['run']}"
 GARMENTS = sorted(config["garments"])
 WARDROBE = wardrobe_plan.wardrobe_names(config)
 LAYERS = f"{RESULTS}/layers"
+COMPARED = systems_spec.compared_garment(config)
 # Where the work is done, not what comes out: kept out of the parameters, so that a change reruns nothing.
 DEVICE = config["compute"]["device"]
 THREADS = config["compute"]["threads"]
@@ -147,3 +148,27 @@ def layer_files(pattern):
 def mesh_vae_gans():
     """Paths of all variants, in the order of the config."""
     return [f"{RESULTS}/models/mesh_vae_gan/{variant}.pt" for variant in spec.trained_variants(config, "mesh_vae_gan")]
+
+
+def compared(pattern):
+    """Paths that the pattern names for every compared variant of every model, in the order of the stage."""
+    return [
+        path.format(garment=COMPARED)
+        for model in systems_spec.MODELS
+        for variant in systems_spec.compared_variants(config, model)
+        for path in (pattern(model, variant),)
+    ]
+
+
+def compared_model(model, variant):
+    """Path of a trained network."""
+    return {"gsnet": gsnet_model, "mesh_vae_gan": lambda v: f"{RESULTS}/models/mesh_vae_gan/{v}.pt"}.get(
+        model, lambda v: model_file(model, v)
+    )(variant)
+
+
+def compared_benchmark(model, variant):
+    """Path of what its training took."""
+    if model in ("gsnet", "mesh_vae_gan"):
+        return f"{RESULTS}/benchmarks/train_{model}/{variant}.tsv"
+    return f"{RESULTS}/benchmarks/train_{model}/{{garment}}_{model}_{variant}.tsv"

@@ -1,34 +1,5 @@
 # All four systems side by side on one garment.
 
-from pipeline import systems_spec
-
-COMPARED = systems_spec.compared_garment(config)
-
-
-def compared(pattern):
-    """Paths that the pattern names for every compared variant of every model, in the order of the stage."""
-    return [
-        path.format(garment=COMPARED)
-        for model in systems_spec.MODELS
-        for variant in systems_spec.compared_variants(config, model)
-        for path in (pattern(model, variant),)
-    ]
-
-
-def compared_model(model, variant):
-    """Path of a trained network."""
-    return {"gsnet": gsnet_model, "mesh_vae_gan": lambda v: f"{RESULTS}/models/mesh_vae_gan/{v}.pt"}.get(
-        model, lambda v: model_file(model, v)
-    )(variant)
-
-
-def compared_benchmark(model, variant):
-    """Path of what its training took."""
-    if model in ("gsnet", "mesh_vae_gan"):
-        return f"{RESULTS}/benchmarks/train_{model}/{variant}.tsv"
-    return f"{RESULTS}/benchmarks/train_{model}/{{garment}}_{model}_{variant}.tsv"
-
-
 if COMPARED:
 
     # Alone on the machine: it takes all cores, though each system that it times uses one.
