@@ -16,6 +16,7 @@ import numpy as np
 from body.model import Body
 from datasets.shards import LONG, MATERIALS, MOTIONS, REPEATED, read_header, read_sequences
 from datasets.splits import SplitRule
+from geometry.rotations import axis_angle_to_matrix
 
 _OWN_FIELDS = ("clip", "take", "label", "phi", "parameters", "vertices", "pose", "root", "joints")
 _OWN_FIELDS += ("lead_pose", "lead_root", "lead_joints", "body_index")
@@ -65,6 +66,21 @@ class Sequence:
     def frames(self) -> int:
         """Number of recorded frames T."""
         return len(self.pose)
+
+    @property
+    def pelvis(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rotation [T, 3, 3] and position [T, 3] [m] of its own pelvis, whichever body has it."""
+        return axis_angle_to_matrix(self.pose[:, 0]), np.asarray(self.joints[:, 0], dtype=np.float64)
+
+    def canonical(self, world: np.ndarray) -> np.ndarray:
+        """Vertices in the world [m], shape [T, V, 3], in the pelvis frame of each frame, float32."""
+        rotation, position = self.pelvis
+        return np.matmul(world - position[:, None], rotation).astype(np.float32)
+
+    def in_world(self, canonical: np.ndarray) -> np.ndarray:
+        """Vertices in the pelvis frame of each frame [m], shape [T, V, 3], in the world, float32."""
+        rotation, position = self.pelvis
+        return (np.matmul(canonical, np.swapaxes(rotation, 1, 2)) + position[:, None]).astype(np.float32)
 
 
 def load_sequences(

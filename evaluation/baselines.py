@@ -16,7 +16,6 @@ from body.model import Body, skin
 from datasets.sequences import Sequence
 from evaluation.ridge import Ridge
 from garments.template import GarmentTemplate
-from geometry.rotations import axis_angle_to_matrix
 from models.motion_features import sequence_track, track_features
 
 HISTORY_OFFSETS = (0, 1, 2, 3, 5, 7, 10, 14)
@@ -47,14 +46,14 @@ class MeanShape:
 
     def fit(self, sequences: Many[Sequence]) -> MeanShape:
         """Average the canonical vertices over all frames."""
-        total = sum(_canonical(s.vertices, s).sum(axis=0, dtype=np.float64) for s in _checked(sequences))
+        total = sum(s.canonical(s.vertices).sum(axis=0, dtype=np.float64) for s in _checked(sequences))
         self.mean = (total / sum(s.frames for s in sequences)).astype(np.float32)
         return self
 
     def predict(self, sequence: Sequence) -> np.ndarray:
         """The same shape in every frame."""
         shape = np.broadcast_to(self.mean, (sequence.frames, *self.mean.shape))
-        return _world(shape, sequence)
+        return sequence.in_world(shape)
 
 
 class SkinnedTemplate:
@@ -66,20 +65,20 @@ class SkinnedTemplate:
     def fit(self, sequences: Many[Sequence]) -> SkinnedTemplate:
         """Average what skinning leaves unexplained."""
         total = sum(
-            (_canonical(s.vertices, s) - self._skinned(s)).sum(axis=0, dtype=np.float64) for s in _checked(sequences)
+            (s.canonical(s.vertices) - self._skinned(s)).sum(axis=0, dtype=np.float64) for s in _checked(sequences)
         )
         self.residual = (total / sum(s.frames for s in sequences)).astype(np.float32)
         return self
 
     def predict(self, sequence: Sequence) -> np.ndarray:
         """Skinned template with the mean residual."""
-        return _world(self._skinned(sequence) + self.residual, sequence)
+        return sequence.in_world(self._skinned(sequence) + self.residual)
 
     def _skinned(self, sequence: Sequence) -> np.ndarray:
         template = self.template
         transforms = self.body.joint_transforms(sequence.pose, sequence.root)
         world = skin(template.vertices, template.skin_index, template.skin_weight, transforms)
-        return _canonical(world, sequence)
+        return sequence.canonical(world)
 
 
 class RidgeRegression:
@@ -101,7 +100,7 @@ class RidgeRegression:
         held_out = set(takes[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY])
         self.ridge = Ridge()
         for s in sequences:
-            targets = _canonical(s.vertices, s).reshape(s.frames, -1)
+            targets = s.canonical(s.vertices).reshape(s.frames, -1)
             self.ridge.add(self._features(s), targets, held_out=s.take in held_out)
         self.ridge.fit()
         return self
@@ -109,7 +108,7 @@ class RidgeRegression:
     def predict(self, sequence: Sequence) -> np.ndarray:
         """The linear map of the features, frame by frame."""
         canonical = self.ridge.predict(self._features(sequence)).reshape(sequence.frames, -1, 3)
-        return _world(canonical, sequence)
+        return sequence.in_world(canonical)
 
     def _features(self, sequence: Sequence) -> np.ndarray:
         """Features of the recorded frames, shape [T, D]."""
@@ -136,7 +135,7 @@ class PcaFloor:
         step = max(1, -(-frames // MOST_PCA_FRAMES))
         first, shapes = 0, []
         for s in sequences:
-            shapes.append(_canonical(s.vertices, s)[(-first) % step :: step])
+            shapes.append(s.canonical(s.vertices)[(-first) % step :: step])
             first += s.frames
         flat = np.concatenate(shapes).reshape(sum(map(len, shapes)), -1)
         self.mean = flat.mean(axis=0)
@@ -150,9 +149,9 @@ class PcaFloor:
 
     def predict(self, sequence: Sequence) -> np.ndarray:
         """The nearest shape in the space to the *true* one."""
-        flat = _canonical(sequence.vertices, sequence).reshape(sequence.frames, -1) - self.mean
+        flat = sequence.canonical(sequence.vertices).reshape(sequence.frames, -1) - self.mean
         near = (flat @ self.components.T) @ self.components + self.mean
-        return _world(near.reshape(sequence.frames, -1, 3), sequence)
+        return sequence.in_world(near.reshape(sequence.frames, -1, 3))
 
 
 class SimulatedAgain:
@@ -196,21 +195,6 @@ def history(features: np.ndarray, offsets: tuple[int, ...], frames: np.ndarray) 
     """
     index = np.maximum(np.asarray(frames)[:, None] - np.asarray(offsets)[None, :], 0)
     return features[index].reshape(len(index), -1)
-
-
-def _pelvis(sequence: Sequence) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation [T, 3, 3] and position [T, 3] of the sequence's own pelvis, whichever body has it."""
-    return axis_angle_to_matrix(sequence.pose[:, 0]), np.asarray(sequence.joints[:, 0], dtype=np.float64)
-
-
-def _canonical(world: np.ndarray, sequence: Sequence) -> np.ndarray:
-    rotation, position = _pelvis(sequence)
-    return np.matmul(world - position[:, None], rotation).astype(np.float32)
-
-
-def _world(canonical: np.ndarray, sequence: Sequence) -> np.ndarray:
-    rotation, position = _pelvis(sequence)
-    return (np.matmul(canonical, np.swapaxes(rotation, 1, 2)) + position[:, None]).astype(np.float32)
 
 
 def _checked(sequences: Many[Sequence]) -> Many[Sequence]:

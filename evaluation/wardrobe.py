@@ -18,7 +18,6 @@ from evaluation.collisions import Contact
 from evaluation.metrics import NearestVertices, bend, edge_deviation, mean_vertex_error
 from evaluation.table import Row
 from garments.template import GarmentTemplate
-from geometry.rotations import axis_angle_to_matrix
 from models.gsnet import Correction
 from models.refinement import RefinementSettings, Refiner
 
@@ -39,8 +38,8 @@ class TestMotion:
 
     def __init__(self, sequence: Sequence, body: Body, stride: int) -> None:
         self.sequence, self.stride = sequence, stride
-        rotation, position = axis_angle_to_matrix(sequence.pose[:, 0]), sequence.joints[:, 0].astype(np.float64)
-        self.truth = np.matmul(sequence.vertices - position[:, None], rotation).astype(np.float32)
+        rotation, position = sequence.pelvis
+        self.truth = sequence.canonical(sequence.vertices)
         world = body.posed(sequence.pose[::stride], sequence.root[::stride])
         self.body = np.matmul(world - position[::stride, None], rotation[::stride]).astype(np.float32)
         self.nearest = NearestVertices(self.body, body.faces)

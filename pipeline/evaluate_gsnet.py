@@ -32,7 +32,6 @@ from models.garment_graph import GarmentGraph, material_row
 from models.gsnet import corrector
 from models.gsnet_fitting import build_animator, load_animator
 from models.refinement import RefinementSettings
-from pipeline.garment_data import world_vertices
 from pipeline.gsnet_data import dressed
 from pipeline.progress import Progress
 from pipeline.sequence_data import job_body
@@ -166,7 +165,7 @@ def _drift(job: Job, paths: list[str], methods: dict[str, Animator], body: Body)
             continue
 
         def predictor(animator: Animator, graph: GarmentGraph = graph):
-            return lambda s: world_vertices(dressed(animator, graph, [s], body, animator.config.materials)[0], s)
+            return lambda s: s.in_world(dressed(animator, graph, [s], body, animator.config.materials)[0])
 
         known = {method: predictor(a) for method, a in methods.items() if a.knows(template.name)}
         rows += drift_rows(long, known)

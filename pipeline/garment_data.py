@@ -129,8 +129,8 @@ def _graded(dress: Callable[[MotionTrack, Sequence], np.ndarray], others: Others
     def predict(sequence: Sequence) -> np.ndarray:
         track, other = sequence_track(sequence), others(sequence)
         if other is None:
-            return world_vertices(dress(track, sequence), sequence)
-        return world_vertices(dress(other.own_track(track), sequence) + other.change(track), sequence)
+            return sequence.in_world(dress(track, sequence))
+        return sequence.in_world(dress(other.own_track(track), sequence) + other.change(track))
 
     return predict
 
@@ -142,7 +142,7 @@ def autoencoder_predictor(
 
     def predict(sequence: Sequence) -> np.ndarray:
         history = MotionHistory([sequence_track(sequence)], network.config.signature, network.config.window)
-        return world_vertices(decode_all(descriptor, decode_frames(network, latent, history[:])), sequence)
+        return sequence.in_world(decode_all(descriptor, decode_frames(network, latent, history[:])))
 
     return predict
 
@@ -175,14 +175,9 @@ def taught_predictor(regressor: SequenceRegressor) -> Predictor:
         features = regressor.features(track)[None]
         past = torch.cat([regressor.first_token(features, track.lead)[:, None], codes[:, :-1]], dim=1)
         said = regressor.predict_all(features, past, track.lead)
-        return world_vertices(regressor.shape.decode(said[0]).numpy(), sequence)
+        return sequence.in_world(regressor.shape.decode(said[0]).numpy())
 
     return predict
-
-
-def world_vertices(canonical: np.ndarray, sequence: Sequence) -> np.ndarray:
-    """World vertices [T, V, 3] float32 [m] of canonical ones, by the sequence's own pelvis: any body's."""
-    return sequence_track(sequence).in_world(canonical)
 
 
 class _Together:
@@ -198,7 +193,7 @@ class _Together:
             coming = self._coming if any(s is sequence for s in self._coming) else [sequence]
             self._made |= zip(map(id, coming), self._dress(coming), strict=True)
             self._coming = [] if coming is self._coming else self._coming
-        return world_vertices(self._made.pop(id(sequence)), sequence)
+        return sequence.in_world(self._made.pop(id(sequence)))
 
 
 def _equal_lengths(sequences: Many[Sequence]) -> list[list[Sequence]]:

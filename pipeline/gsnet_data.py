@@ -10,7 +10,6 @@ import numpy as np
 from body.model import Body
 from datasets.sequences import Sequence
 from evaluation.divergence import held_near
-from geometry.rotations import axis_angle_to_matrix
 from models.garment_animator import Animator
 from models.garment_graph import GarmentGraph, material_row
 from models.gsnet_examples import WardrobeExample
@@ -26,18 +25,11 @@ def wardrobe_examples(
 ) -> list[WardrobeExample]:
     """The garments' sequences of some splits, in the pelvis frame of each frame."""
     return [
-        WardrobeExample(graph, material_row(s.parameters, materials), sequence_track(s), canonical_vertices(s))
+        WardrobeExample(graph, material_row(s.parameters, materials), sequence_track(s), s.canonical(s.vertices))
         for garment in garments
         for graph in [GarmentGraph.of(garment.template, body)]
         for s in garment.in_split(*splits)
     ]
-
-
-def canonical_vertices(sequence: Sequence) -> np.ndarray:
-    """Simulated vertices [T, N, 3] float32 [m] in the pelvis frame of each frame."""
-    rotation = axis_angle_to_matrix(sequence.pose[:, 0])
-    position = sequence.joints[:, 0].astype(np.float64)
-    return np.matmul(sequence.vertices - position[:, None], rotation).astype(np.float32)
 
 
 def dressed(

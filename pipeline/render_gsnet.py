@@ -21,7 +21,6 @@ from datasets.sequences import Sequence
 from models.garment_animator import Animator
 from models.garment_graph import GarmentGraph
 from models.gsnet_fitting import build_animator, load_animator
-from pipeline.garment_data import world_vertices
 from pipeline.gsnet_data import dressed
 from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage
@@ -101,14 +100,14 @@ def _dressed(garment: WardrobeGarment, networks: dict[str, Animator], body: Body
     sequence, graph = sequences[0], GarmentGraph.of(garment.template, body)
     worn = {}
     for name, network in networks.items():
-        worn[name] = world_vertices(dressed(network, graph, [sequence], body, network.config.materials)[0], sequence)
+        worn[name] = sequence.in_world(dressed(network, graph, [sequence], body, network.config.materials)[0])
     return Shown(garment, sequence, liveliest(sequence, graph, body), worn)
 
 
 def liveliest(sequence: Sequence, graph: GarmentGraph, body: Body) -> int:
     """Frame in which the simulated cloth is farthest from being skinned: chosen without a look at any network."""
     skinning = build_animator("skinning", {"materials": (), "body": body.digest})
-    skinned = world_vertices(dressed(skinning, graph, [sequence], body, ())[0], sequence)
+    skinned = sequence.in_world(dressed(skinning, graph, [sequence], body, ())[0])
     return int(np.linalg.norm(skinned - sequence.vertices, axis=2).mean(axis=1).argmax())
 
 

@@ -35,7 +35,7 @@ from models.mesh_vae_gan import MeshVaeGan
 from models.motion_features import sequence_track
 from models.motion_invariant import MotionInvariantNetwork
 from models.shape_descriptor import ShapeDescriptor
-from pipeline.garment_data import autoencoder_predictor, world_vertices
+from pipeline.garment_data import autoencoder_predictor
 from pipeline.intrinsic_data import all_codes, intrinsic_frames
 
 RESIDUAL_CLIPS, RESIDUAL_STRIDE = 24, 6
@@ -93,7 +93,7 @@ def animator_predictor(animator: Animator, template: GarmentTemplate, body: Body
         if key not in encodings:
             encodings[key] = animator.encode(graph, torch.as_tensor(row)[None])
         vertices = animator.unroll(encodings[key], Motion.of([sequence_track(sequence)], body))[0]
-        return world_vertices(vertices.numpy(), sequence)
+        return sequence.in_world(vertices.numpy())
 
     return predict
 
