@@ -18,7 +18,7 @@ from evaluation.collisions import Contact
 from evaluation.metrics import NearestVertices, bend, edge_deviation, mean_vertex_error
 from evaluation.table import Row
 from garments.template import GarmentTemplate
-from models.gsnet import Correction
+from models.physical_regressor import Correction
 from models.refinement import RefinementSettings, Refiner
 
 FIGURES = ("error_mm", "edge_mm", "bend", "collision_percent")

@@ -26,8 +26,8 @@ import torch
 from torch import Tensor, nn
 
 from models.garment_animator import Animator, Motion, Rehearsal, Worn, skinned
+from models.garment_encoder import GarmentEncoder, fully_connected
 from models.garment_graph import JOINTS, PLACE, GarmentGraph, propagate
-from models.gsnet import GarmentEncoder, fully_connected
 from models.gsnet_losses import data_loss
 
 DEFORMATION = 0.1

@@ -23,7 +23,7 @@ from geometry.topology import face_areas
 from models.checkpoint import load_model, save_model
 from models.garment_animator import STILL, Animator, Worn, skinned
 from models.garment_graph import GarmentGraph
-from models.gsnet import GSNet, GSNetConfig, PublishedGSNet
+from models.gsnet import GSNet, GSNetConfig
 from models.gsnet_baselines import BASELINES, BaselineConfig, PerGarment
 from models.gsnet_examples import TrainingData, WardrobeExample
 from models.gsnet_losses import (
@@ -34,6 +34,7 @@ from models.gsnet_losses import (
     edge_loss,
     gravity_loss,
 )
+from models.published_gsnet import PublishedGSNet
 from models.training import Progress, TrainingLog, TrainingSettings, array_digest, prepare, train
 
 KIND = "wardrobe_animator"

@@ -29,8 +29,8 @@ from evaluation.wardrobe import TestMotion, averaged, contact_rows, gap_rows, st
 from garments.template import GarmentTemplate
 from models.garment_animator import Animator
 from models.garment_graph import GarmentGraph, material_row
-from models.gsnet import corrector
 from models.gsnet_fitting import build_animator, load_animator
+from models.physical_regressor import corrector
 from models.refinement import RefinementSettings
 from pipeline.gsnet_data import dressed
 from pipeline.progress import Progress

@@ -21,9 +21,10 @@ from garments.spec import GarmentSpec
 from garments.template import GarmentTemplate
 from models.garment_animator import Motion
 from models.garment_graph import GarmentGraph, material_row
-from models.gsnet import GSNet, corrector
+from models.gsnet import GSNet
 from models.gsnet_fitting import load_animator
 from models.motion_features import MotionTrack
+from models.physical_regressor import corrector
 from models.refinement import RefinementSettings, Refiner
 from motions.clip_file import read_clips
 from motions.lead_in import lead_in
