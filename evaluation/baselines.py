@@ -65,16 +65,17 @@ class SkinnedTemplate:
     def fit(self, sequences: Many[Sequence]) -> SkinnedTemplate:
         """Average what skinning leaves unexplained."""
         total = sum(
-            (s.canonical(s.vertices) - self._skinned(s)).sum(axis=0, dtype=np.float64) for s in _checked(sequences)
+            (s.canonical(s.vertices) - self.skinned(s)).sum(axis=0, dtype=np.float64) for s in _checked(sequences)
         )
         self.residual = (total / sum(s.frames for s in sequences)).astype(np.float32)
         return self
 
     def predict(self, sequence: Sequence) -> np.ndarray:
         """Skinned template with the mean residual."""
-        return sequence.in_world(self._skinned(sequence) + self.residual)
+        return sequence.in_world(self.skinned(sequence) + self.residual)
 
-    def _skinned(self, sequence: Sequence) -> np.ndarray:
+    def skinned(self, sequence: Sequence) -> np.ndarray:
+        """Canonical vertices of the skinned template [m], shape [T, V, 3]."""
         template = self.template
         transforms = self.body.joint_transforms(sequence.pose, sequence.root)
         world = skin(template.vertices, template.skin_index, template.skin_weight, transforms)
@@ -100,7 +101,7 @@ class RidgeRegression:
         held_out = set(takes[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY])
         self.ridge = Ridge()
         for s in sequences:
-            targets = s.canonical(s.vertices).reshape(s.frames, -1)
+            targets = (s.canonical(s.vertices) - self._before(s)).reshape(s.frames, -1)
             self.ridge.add(self._features(s), targets, held_out=s.take in held_out)
         self.ridge.fit()
         return self
@@ -108,7 +109,11 @@ class RidgeRegression:
     def predict(self, sequence: Sequence) -> np.ndarray:
         """The linear map of the features, frame by frame."""
         canonical = self.ridge.predict(self._features(sequence)).reshape(sequence.frames, -1, 3)
-        return sequence.in_world(canonical)
+        return sequence.in_world(canonical + self._before(sequence))
+
+    def _before(self, sequence: Sequence) -> np.ndarray | float:
+        """Canonical vertices [m] that the linear map is added to."""
+        return 0.0
 
     def _features(self, sequence: Sequence) -> np.ndarray:
         """Features of the recorded frames, shape [T, D]."""
@@ -121,6 +126,22 @@ class RidgeRegression:
             return history(motion, self.offsets, frames)
         gravity = motion[frames, 69:72]
         return np.concatenate([track_features(track, "pose")[frames, 6:], gravity], axis=1)
+
+
+class SkinnedRidge(RidgeRegression):
+    """Ridge regression from the motion's past to what linear blend skinning leaves over.
+
+    Args:
+        body: The body that wears the garment.
+        template: The garment.
+    """
+
+    def __init__(self, body: Body, template: GarmentTemplate) -> None:
+        super().__init__()
+        self._skinning = SkinnedTemplate(body, template)
+
+    def _before(self, sequence: Sequence) -> np.ndarray:
+        return self._skinning.skinned(sequence)
 
 
 class PcaFloor:

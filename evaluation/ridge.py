@@ -90,6 +90,11 @@ class Ridge:
         self._low, self._high = (middle - spread).astype(np.float32), (middle + spread).astype(np.float32)
         return self
 
+    @property
+    def size(self) -> int:
+        """How many numbers were fitted."""
+        return self._weights.size + self._intercept.size
+
     def predict(self, features: np.ndarray) -> np.ndarray:
         """Targets [N, K] float32 of features [N, D]."""
         held = np.clip(features.astype(np.float32), self._low, self._high)

@@ -56,6 +56,8 @@ class GSNetConfig:
         segment: Frames of the roll-outs in training; 0 = the whole sequence with its lead-in. A segment begins at a
             true frame, or with the lead-in.
         noise: On the memory of the true frame that a segment begins at, as a fraction of the memory's spread.
+        linear: Whether the joints send a linear map of the motion beside what their network makes of it; ``anchor``
+            sets it in closed form.
     """
 
     materials: tuple[str, ...]
@@ -68,6 +70,7 @@ class GSNetConfig:
     rotations: bool = False
     segment: int = 0
     noise: float = 0.2
+    linear: bool = False
 
     def __post_init__(self) -> None:
         # A config read back from a file holds lists where it held tuples.
@@ -94,8 +97,9 @@ class GSNet(Animator):
         self.garment = nn.Linear(width, first)
         self.memory = nn.Linear(3 * edges, first, bias=False) if config.garment_state else None
         self.joints = fully_connected(first, rest, 3 * edges)
+        self.linear = nn.Linear(self.motion.in_features, 3 * edges).requires_grad_(False) if config.linear else None
         self.regressor = PhysicalRegressor()
-        for layer, scale in ((self.weights, 0.0), (self.joints[-1], 0.1)):
+        for layer, scale in ((self.weights, 0.0), (self.joints[-1], 0.0 if config.linear else 0.1)):
             nn.init.normal_(layer.weight, std=scale * layer.in_features**-0.5)
             nn.init.zeros_(layer.bias)
 
@@ -126,21 +130,30 @@ class GSNet(Animator):
         """Factor of the sum over the vertices in the pooled memory."""
         return edges.shape[2] / edges.shape[1]
 
-    def drive(self, encoding: Encoding, motion: Motion, now: Tensor | None = None) -> Tensor:
-        """What the joints know beside their memory, [B, S, hidden]: the motion up to each frame, and the garment.
+    def past(self, motion: Motion, now: Tensor | None = None) -> Tensor:
+        """The motion up to each frame as the joints know it, [B, S, D].
 
         ``now [S]`` are the frames, counted from the lead-in's first; all where None.
         """
         told = self.told(motion, *self._told)
         now = torch.arange(told.shape[1]) if now is None else now
-        past = (now[:, None] - torch.tensor(self.config.offsets)).clamp_min(0)
-        return self.motion(told[:, past].flatten(2)) + self.garment(encoding.code)[:, None]
+        return told[:, (now[:, None] - torch.tensor(self.config.offsets)).clamp_min(0)].flatten(2)
+
+    def drive(self, encoding: Encoding, motion: Motion, now: Tensor | None = None) -> Tensor:
+        """All that the messages of some frames hang on but the memory: what the joints' network knows of the motion and
+        the garment, and then, if there is a linear map, what that sends; [B, S, hidden (+ 3 K)].
+        """
+        past = self.past(motion, now)
+        known = self.motion(past) + self.garment(encoding.code)[:, None]
+        return known if self.linear is None else torch.cat([known, self.linear(past)], dim=2)
 
     def send(self, drive: Tensor, state: Tensor | None) -> Tensor:
-        """Messages [..., K, 3] of the joints that know ``drive [..., hidden]`` and a memory [..., K, 3]."""
+        """Messages [..., K, 3] of the joints by what ``drive`` says of their frames and a memory [..., K, 3]."""
+        known, linear = drive.tensor_split([self.motion.out_features], dim=-1)
         if self.memory is not None and state is not None:
-            drive = drive + self.memory(FULL * torch.tanh(state.flatten(-2) / FULL))
-        return self.joints(nn.functional.gelu(drive)).unflatten(-1, (-1, 3))
+            known = known + self.memory(FULL * torch.tanh(state.flatten(-2) / FULL))
+        sent = self.joints(nn.functional.gelu(known))
+        return (sent if self.linear is None else sent + linear).unflatten(-1, (-1, 3))
 
     def messages(self, drive: Tensor, gram: Tensor, lead: int, state: Tensor | None = None) -> Tensor:
         """Messages [B, T, K, 3] of the frames after the lead-in; the memory [B, K, 3] begins empty where None."""

@@ -24,6 +24,7 @@ from models.checkpoint import load_model, save_model
 from models.garment_animator import STILL, Animator, Worn, skinned
 from models.garment_graph import GarmentGraph
 from models.gsnet import GSNet, GSNetConfig
+from models.gsnet_anchor import AnchorSettings, anchor
 from models.gsnet_baselines import BASELINES, BaselineConfig, PerGarment
 from models.gsnet_examples import TrainingData, WardrobeExample
 from models.gsnet_losses import (
@@ -49,6 +50,7 @@ class AnimatorTraining:
 
     Attributes:
         training: Epochs, steps' sizes.
+        anchor: How the linear map of a network that has one is found, before the first epoch.
         loss: "squared" (Eq. 5), "distance" (the tables' figure), or "energies" (no truth at all).
         batch: Sequences of a garment in a step.
         garments_a_step: Garments in a step.
@@ -63,6 +65,7 @@ class AnimatorTraining:
     """
 
     training: TrainingSettings = field(default_factory=lambda: TrainingSettings(epochs=20, learning_rate=1e-3))
+    anchor: AnchorSettings = field(default_factory=AnchorSettings)
     loss: str = "squared"
     batch: int = 4
     garments_a_step: int = 2
@@ -114,10 +117,18 @@ def fit_animator(
     prepare(settings.training)
     if settings.mirror and isinstance(animator, PerGarment):
         raise ValueError(f"{animator.kind}: it knows a vertex by its number, so mirror must be false")
+    anchored = isinstance(animator, GSNet) and animator.linear is not None
+    if settings.mirror and anchored:
+        raise ValueError(
+            f"{animator.kind}: its linear map is that of the garments as they are, so mirror must be false"
+        )
     data = TrainingData(examples, body, settings.contact_frames, settings.mirror)
     data.scale(animator)
     if not any(p.requires_grad for p in animator.parameters()):
         return TrainingLog()
+
+    def begin() -> dict[str, float]:
+        return anchor(animator, data, settings.anchor)
 
     def batches(epoch: int, generator: np.random.Generator):
         return data.batches(settings.batch, settings.garments_a_step, generator)
@@ -147,6 +158,7 @@ def fit_animator(
         validate=validate if validation else None,
         progress=progress,
         identity=f"{animator.config} {settings} {digest}",
+        begin=begin if anchored else None,
     )
 
 

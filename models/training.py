@@ -94,7 +94,7 @@ class TrainingSettings:
 
 @dataclass
 class TrainingLog:
-    """What happened: one row an epoch and split (epoch, split, losses..., seconds, learning_rate)."""
+    """What happened: one row an epoch and split (epoch, split, losses..., seconds, learning_rate); epoch 0 = before."""
 
     rows: list[dict[str, Any]] = field(default_factory=list)
     resumed_at: int = 0
@@ -159,6 +159,7 @@ def train(
     validate: Callable[[], dict[str, float]] | None = None,
     progress: Progress | None = None,
     identity: str = "",
+    begin: Callable[[], dict[str, float]] | None = None,
 ) -> TrainingLog:
     """Train ``module`` in place; it is left in eval mode on the settings' device.
 
@@ -174,6 +175,8 @@ def train(
         progress: Takes a line of text.
         identity: Model configuration and data digest. A checkpoint of another identity, architecture or settings is
             not continued: the run starts anew and says so.
+        begin: ``() -> {name: number}``, called before the first epoch of a run that is not continued: what is set in
+            closed form. Its numbers and seconds are the row of epoch 0 and split "begin".
 
     Raises:
         ValueError: a loss that is not finite (with its epoch and batch), no batches, or a loss without "total".
@@ -197,6 +200,12 @@ def train(
         log.resumed_at = state["epoch"]
         _set_random_state(saved["random"], device)
         say(f"continuing after epoch {state['epoch']} of {settings.epochs}")
+    elif begin is not None:
+        start = time.perf_counter()
+        found = {name: float(value) for name, value in begin().items()}
+        seconds = round(time.perf_counter() - start, 4)
+        log.rows.append({"epoch": 0, "split": "begin", **found, "seconds": seconds})
+        say(f"begun in {seconds:.1f} s: {' '.join(f'{name} {value:.5g}' for name, value in found.items())}")
 
     say_every = math.ceil(settings.epochs / 40)
     for epoch in range(state["epoch"], settings.epochs):

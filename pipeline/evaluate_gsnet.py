@@ -13,6 +13,7 @@ In: the trained variants with their losses, garments with long simulations, and 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence as Many
 
 import numpy as np
@@ -22,6 +23,7 @@ from body.model import Body
 from datasets.sequences import Sequence, load_sequences
 from datasets.shards import LONG
 from datasets.splits import SplitRule
+from evaluation.baselines import SkinnedRidge
 from evaluation.collisions import Contact
 from evaluation.drift import drift_rows
 from evaluation.table import Row, read_table, write_table
@@ -55,6 +57,9 @@ CONTACT = 3
 LONG_MOTIONS = 3
 """Long simulations of a garment."""
 
+FLOOR = "ridge on skinning, a garment each"
+"""The floor that nothing has to be trained for; it has no rows for templates that it was not fitted to."""
+
 
 def main(job: Job) -> None:
     """Dress the test sequences with every method, then lay the figures together."""
@@ -71,9 +76,10 @@ def main(job: Job) -> None:
 
     rows: list[Row] = []
     contact: dict[str, dict[str, Contact]] = {}
+    floor = _Floor(body)
     progress = Progress("evaluate gsnet", len(garments), "garments")
     for garment in garments:
-        some, kept = _evaluate(garment, methods, spec["use"], body, stride)
+        some, kept = _evaluate(garment, methods, floor, spec["use"], body, stride)
         rows += some
         if kept:
             made = _contact(garment, animators[spec["use"]], kept, body, RefinementSettings(**spec["refinement"]))
@@ -82,6 +88,7 @@ def main(job: Job) -> None:
     progress.finish()
     rows.sort(key=lambda row: WARDROBE_SPLITS.index(row["split"]))
     costs = {v: _cost(animators[v], read_table(path)) for v, path in zip(variants, losses, strict=True)}
+    costs[FLOOR] = floor.cost
     write_table(job.outputs[0], [row | costs.get(row["method"], {}) for row in averaged(rows, ("split", "method"))])
     write_table(job.outputs[1], averaged([r for r in rows if r["split"] != TRAIN], ("split", "category", "method")))
     write_table(job.outputs[2], gap_rows(rows, TRAIN, UNSEEN_MOTIONS, UNSEEN_BOTH))
@@ -101,8 +108,9 @@ def main(job: Job) -> None:
 
 
 def _cost(animator: Animator, losses: Many[Row]) -> Row:
-    """What a network took to train: seconds of its steps on its one thread, without validation; numbers learned."""
-    seconds = sum(row["seconds"] for row in losses if row["split"] == "train")
+    """What a network took to train: seconds of its beginning and its steps on its one thread, without validation; its
+    numbers."""
+    seconds = sum(row["seconds"] for row in losses if row["split"] != "validation")
     return {"training_s": seconds, "parameters": sum(p.numel() for p in animator.parameters())}
 
 
@@ -115,25 +123,43 @@ def _split(paths: list[str], *counts: int) -> tuple[list[str], ...]:
     return *parts, paths[start:]
 
 
+class _Floor:
+    """Ridge regressions of the templates that are trained on, each its own, and what they cost together."""
+
+    def __init__(self, body: Body) -> None:
+        self.body, self.cost = body, {"training_s": 0.0, "parameters": 0}
+
+    def dressed(self, garment: WardrobeGarment, sequences: Many[Sequence]) -> list[np.ndarray]:
+        """Canonical vertices [T, N, 3] of the garment on the motions of sequences."""
+        start = time.perf_counter()
+        made = SkinnedRidge(self.body, garment.template).fit(garment.in_split(TRAIN))
+        self.cost["training_s"] += time.perf_counter() - start
+        self.cost["parameters"] += made.ridge.size
+        return [s.canonical(made.predict(s)) for s in sequences]
+
+
 def _evaluate(
-    garment: WardrobeGarment, methods: dict[str, Animator], used: str, body: Body, stride: int
+    garment: WardrobeGarment, methods: dict[str, Animator], floor: _Floor, used: str, body: Body, stride: int
 ) -> tuple[list[Row], list[tuple[TestMotion, np.ndarray]]]:
     """Rows of one garment, and what the network in use made of its test sequences."""
     template = garment.template
     graph = GarmentGraph.of(template, body)
     sequences = [s for split in MOST for s in garment.in_split(split)[: MOST[split]]]
     motions = [TestMotion(s, body, stride) for s in sequences]
-    rows: list[Row] = []
-    kept: list[tuple[TestMotion, np.ndarray]] = []
-    for method, animator in methods.items():
-        if not animator.knows(template.name):
-            continue
-        predicted = dressed(animator, graph, sequences, body, animator.config.materials)
-        rows += [m.row(template, garment.category, method, p) for m, p in zip(motions, predicted, strict=True)]
-        if method == used:
-            tested = [(m, p) for m, p in zip(motions, predicted, strict=True) if m.sequence.split != TRAIN]
-            kept = tested[:CONTACT]
-    return rows, kept
+    made = {
+        method: dressed(animator, graph, sequences, body, animator.config.materials)
+        for method, animator in methods.items()
+        if animator.knows(template.name)
+    }
+    if garment.in_split(TRAIN):
+        made[FLOOR] = floor.dressed(garment, sequences)
+    rows = [
+        motion.row(template, garment.category, method, worn)
+        for method, predicted in made.items()
+        for motion, worn in zip(motions, predicted, strict=True)
+    ]
+    tested = [(m, worn) for m, worn in zip(motions, made[used], strict=True) if m.sequence.split != TRAIN]
+    return rows, tested[:CONTACT]
 
 
 def _contact(

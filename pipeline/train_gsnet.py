@@ -10,6 +10,7 @@ from __future__ import annotations
 import torch
 
 from models.gsnet import GSNetConfig
+from models.gsnet_anchor import AnchorSettings
 from models.gsnet_baselines import BASELINES, BaselineConfig
 from models.gsnet_fitting import AnimatorTraining, build_animator, fit_animator, save_animator
 from pipeline.gsnet_data import wardrobe_examples
@@ -34,7 +35,8 @@ def main(job: Job) -> None:
         for garment in garments
         for example in wardrobe_examples([garment], (UNSEEN_MOTIONS,), body, names)[:WATCHED]
     ]
-    settings = settings_of(AnimatorTraining, model, training=training_settings(job, model))
+    anchor = AnchorSettings(**model.get("anchor", {}))
+    settings = settings_of(AnimatorTraining, model, training=training_settings(job, model), anchor=anchor)
     torch.manual_seed(settings.training.seed)
     kind = model["kind"]
     config = values_of(BaselineConfig if kind in BASELINES else GSNetConfig, model)

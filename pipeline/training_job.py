@@ -20,8 +20,8 @@ def values_of(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def settings_of(kind: type, values: Mapping[str, Any], **more: Any) -> Any:
-    """A settings dataclass from a config section, with further fields that the section does not hold."""
-    return kind(**values_of(kind, values), **more)
+    """A settings dataclass from a config section, with further fields that do not stand in the section as they are."""
+    return kind(**(values_of(kind, values) | more))
 
 
 def training_settings(job: Job, model: Mapping[str, Any]) -> TrainingSettings:

@@ -14,6 +14,7 @@ from evaluation.baselines import (
     PcaFloor,
     RidgeRegression,
     SimulatedAgain,
+    SkinnedRidge,
     SkinnedTemplate,
     fit_baselines,
     history,
@@ -112,6 +113,23 @@ def test_skinning_baseline_is_exact_on_rigid_motion() -> None:
     train, test = [rigid(1), rigid(2)], rigid(3)
     for baseline in (SkinnedTemplate(body(), template()), MeanShape()):
         np.testing.assert_allclose(baseline.fit(train).predict(test), test.vertices, atol=2e-5)
+
+
+def test_the_ridge_on_skinning_is_exact_where_skinning_leaves_a_linear_map() -> None:
+    # The garment is skinned, and its every vertex trails behind the pelvis.
+    def trailing(seed: int) -> Sequence:
+        skinned = SkinnedTemplate(body(), template())
+        plain = sequence(seed, np.zeros((FRAMES, *template().vertices.shape), np.float32))
+        features = SkinnedRidge(body(), template())._features(plain)
+        worn = skinned.skinned(plain) + 0.05 * features[:, None, 72:75]
+        return sequence(seed, plain.in_world(worn))
+
+    train, test = [trailing(i) for i in range(150)], trailing(999)
+    made = SkinnedRidge(body(), template()).fit(train)
+    plain = RidgeRegression().fit(train)
+    error = [np.linalg.norm(one.predict(test) - test.vertices, axis=2).mean() for one in (made, plain)]
+    assert error[0] < 1e-3 and error[0] < 0.2 * error[1]
+    assert made.ridge.size == (made._features(test).shape[1] + 1) * template().vertices.size
 
 
 def test_ridge_recovers_a_linear_map_and_ignores_dead_features() -> None:

@@ -393,6 +393,6 @@ def test_the_ablation_differs_from_the_network_by_what_its_names_say():
         assert {k for k in whole[name] if whole[name][k] != steady.get(k)} - {"training"} == changed
         assert whole[name]["training"] == training  # all as long as each other
     assert set(NETWORKS) == {one["kind"] for one in whole.values()} | {"skinning"}
-    with pytest.raises(ConfigError, match=r"variants.pose.like: found 'stedy'; allowed are steady"):
+    with pytest.raises(ConfigError, match=r"variants.pose.like: found 'stedy'; allowed are anchored"):
         variants["pose"]["like"] = "stedy"
         check_config(config, read_layers([str(ROOT / "configs/default.yaml")]))

@@ -24,9 +24,9 @@ DEFAULT = ROOT / "configs/default.yaml"
 
 def test_pictures_show_ours_beside_what_can_dress_a_garment_it_never_saw():
     config = load_config([DEFAULT])
-    assert drawn_networks(config) == ["steady", "paper", "deepsd"]
+    assert drawn_networks(config) == ["anchored", "paper", "deepsd"]
     smoke = load_config([DEFAULT, ROOT / "configs/smoke.yaml"])
-    assert drawn_networks(smoke) == ["steady", "deepsd"]
+    assert drawn_networks(smoke) == ["anchored", "deepsd"]
 
 
 def test_a_picture_shows_the_frame_in_which_cloth_is_farthest_from_being_skinned():
@@ -48,23 +48,26 @@ def test_a_picture_shows_the_frame_in_which_cloth_is_farthest_from_being_skinned
     assert len(vertices) == FRAMES
 
 
-def test_the_cost_of_a_training_is_that_of_its_steps():
+def test_the_cost_of_a_training_is_that_of_its_beginning_and_its_steps():
     made = build_animator("gsnet", {"materials": ("bend",), "body": "0", "width": 8, "heads": 1, "hidden": (8,)})
     rows = [
+        {"split": "begin", "seconds": 4.0},
         {"split": "train", "seconds": 2.0},
         {"split": "validation", "seconds": 9.0},
         {"split": "train", "seconds": 1.5},
     ]
-    assert _cost(made, rows) == {"training_s": 3.5, "parameters": sum(p.numel() for p in made.parameters())}
+    assert _cost(made, rows) == {"training_s": 7.5, "parameters": sum(p.numel() for p in made.parameters())}
 
 
 def test_a_variant_that_is_not_configured_is_refused(tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text("models: {gsnet: {use: stedy}}")
-    with pytest.raises(ConfigError, match="found 'stedy'; allowed are the variants that are configured: steady, "):
+    with pytest.raises(ConfigError, match="found 'stedy'; allowed are the variants that are configured: anchored, "):
         load_config([DEFAULT, file])
-    file.write_text("models: {gsnet: {variants: {steady: null}}}")
-    with pytest.raises(ConfigError, match="use: found 'steady'; allowed are the variants that are configured: "):
+    likes = ("steady", "no-temporal", "garment", "garment-pose", "pose")
+    taken_out = ", ".join(f"{name}: null" for name in ("anchored", *likes))
+    file.write_text(f"models: {{gsnet: {{variants: {{{taken_out}}}}}}}")
+    with pytest.raises(ConfigError, match="use: found 'anchored'; allowed are the variants that are configured: "):
         load_config([DEFAULT, file])
 
 

@@ -80,6 +80,36 @@ def test_killed_run_continues_to_the_same_weights(tmp_path, changes):
     assert log.last("validation")["total"] == continued_log.last("validation")["total"]
 
 
+def test_what_is_set_before_the_first_epoch_is_set_once_and_is_in_the_table(tmp_path):
+    net, x, y = problem()
+    calls: list[int] = []
+
+    def begin():
+        calls.append(1)
+        with torch.no_grad():
+            net[0].weight.fill_(0.25)
+        return {"set": 0.25}
+
+    def once(epochs: int, rate: float = 1e-9):
+        settings = TrainingSettings(epochs=epochs, learning_rate=rate, device="cpu")
+        batches = [torch.arange(len(x))]
+        return train(
+            net,
+            lambda epoch, generator: batches,
+            lambda index: {"total": (net(x[index]) - y[index]).square().mean()},
+            settings,
+            tmp_path,
+            begin=begin,
+        )
+
+    log = once(1)
+    assert [(r["epoch"], r["split"], r.get("set")) for r in log.rows] == [(0, "begin", 0.25), (1, "train", None)]
+    assert torch.allclose(net[0].weight, torch.tensor(0.25), atol=1e-6)
+    assert rows_of(tmp_path)[0]["set"] == "0.25"
+    assert once(1).resumed_at == 1 and len(calls) == 1
+    assert once(1, rate=2e-9).resumed_at == 0 and len(calls) == 2
+
+
 def test_finished_run_is_not_trained_again(tmp_path):
     settings = TrainingSettings(epochs=2, device="cpu")
     first, _ = run(tmp_path, settings)

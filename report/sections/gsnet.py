@@ -13,7 +13,8 @@ from report.tables import table_view
 from report.wide import wide_view
 
 NAMES = {
-    "steady": "GSNet, ours",
+    "anchored": "GSNet, ours",
+    "steady": "GSNet, ours, from random weights",
     "paper": "GSNet, published form",
     "deepsd": "DeePSD",
     "tailornet": "TailorNet",
@@ -29,7 +30,7 @@ ABLATION = {
 }
 """Variants that differ in what they know of the past, in the order of the paper's Table 3."""
 
-CONTROLS = "^linear blend skinning$"
+CONTROLS = "^(linear blend skinning|ridge on skinning.*)$"
 
 
 def section(run: Run) -> Section | None:
@@ -57,7 +58,7 @@ def section(run: Run) -> Section | None:
         "GSNet learns from the wardrobe: templates of six kinds, each of its own measures, mesh and material. What it "
         "knows of a garment it reads off the template's mesh, so it dresses templates that it never saw. Our form of "
         "it sends displacements along several edges from every joint, which know the last second of the motion, to "
-        "every vertex, and learns from each simulation in the mirror too.",
+        "every vertex; what of that is linear in the motion is found in closed form, before training.",
         blocks,
     )
 
