@@ -57,7 +57,7 @@ CONTACT = 3
 LONG_MOTIONS = 3
 """Long simulations of a garment."""
 
-FLOOR = "ridge on skinning, a garment each"
+FLOOR = "ridge on skinning (per garment)"
 """The floor that nothing has to be trained for; it has no rows for templates that it was not fitted to."""
 
 
