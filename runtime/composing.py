@@ -4,7 +4,7 @@ In: a garment's intrinsic space, a motion and keyframes. Out: single frames at o
 keyframe becomes a latent z; z is interpolated, decoded along the motion, and refined, so that no vertex is inside the
 body (section 3.5). A keyframe that was given as a shape keeps its own detail there (``runtime.keyframes``).
 
-On another body than the run's own, shapes are brought to the own body and back (``models.other_bodies``).
+What hangs on the motion and the body alone is in ``runtime.worn_motion``.
 
     space = IntrinsicSpace(FinishedRun.open("results/default").garment("skirt"))
     composer = Composer(space, clip)
@@ -19,20 +19,17 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
+from body.model import Body
 from formats.animation import Animation, plain_name
-from models.motion_features import MotionTrack
-from models.other_bodies import OtherBody
 from models.refinement import Refiner
 from motions.clip import Clip
-from motions.looping import exact_loop, rounds_before
-from runtime.dressing import Wearing, dressed_animation
+from runtime.dressing import dressed_animation
 from runtime.intrinsic_space import IntrinsicSpace
 from runtime.keyframes import HOLD, Interpolation, Keyframe
-from runtime.motion_making import clip_track, on_body
+from runtime.worn_motion import WornMotion
 
 BATCH = 32
 """Frames that are decoded at once, between two reports of progress."""
@@ -76,6 +73,9 @@ class Composed:
 class Composer:
     """A motion, a garment and its keyframes. Without keyframes, the garment is of the base material.
 
+    Attributes:
+        worn: The motion on the body that wears the garment.
+
     Args:
         space: The garment's intrinsic space.
         clip: Motion of the run's own body, at the run's frame rate.
@@ -95,25 +95,28 @@ class Composer:
         hold: float = HOLD,
         loop: bool = False,
     ) -> None:
-        run = space.garment.run
-        if clip.fps != run.fps:
-            raise ValueError(f"motion '{clip.name}' has {clip.fps:g} frames a second, {run.folder} has {run.fps:g}")
+        self.worn = WornMotion(space, clip, shape, loop)
         if not 0.0 <= hold < 1e6:
             raise ValueError(f"hold: {hold:g} s, allowed are 0 and more")
-        self.space, self.hold, self.loop = space, hold, loop
-        self.given_clip, self.shape = clip, shape
-        self.wearing = Wearing(space.garment, None, shape)
-        self.body = self.wearing.body
-        worn = clip if shape is None else on_body(clip, run.body, self.body)
-        self.clip = exact_loop(worn) if loop else worn
+        self.space, self.hold = space, hold
         self._refiner = space.garment.refiner(self.body)
         self._keyframes: dict[int, Keyframe] = {}
         self._interpolation: Interpolation | None = None
 
     @property
+    def clip(self) -> Clip:
+        """The motion as the body that wears the garment makes it."""
+        return self.worn.clip
+
+    @property
+    def body(self) -> Body:
+        """The body that wears the garment."""
+        return self.worn.body
+
+    @property
     def frames(self) -> int:
         """Number of frames T."""
-        return self.clip.frames
+        return self.worn.frames
 
     @property
     def keyframes(self) -> tuple[Keyframe, ...]:
@@ -126,7 +129,7 @@ class Composer:
         Raises:
             ValueError: Its frame is outside of the motion, its latent or its detail is of another garment.
         """
-        frame = self._checked(keyframe.frame)
+        frame = self.worn.checked(keyframe.frame)
         latent = np.asarray(keyframe.latent, dtype=np.float32)
         if latent.shape != (self.space.network.config.latent,) or not np.isfinite(latent).all():
             raise ValueError(
@@ -142,12 +145,12 @@ class Composer:
 
     def add_parameters(self, frame: int, parameters: Mapping[str, float] | None = None, origin: str = "") -> Keyframe:
         """A keyframe of intrinsic parameters (all of them; the base material's where None)."""
-        self._checked(frame)
+        self.worn.checked(frame)
         return self.add(Keyframe(frame, self.space.of_parameters(parameters), None, origin or "parameters"))
 
     def add_candidate(self, frame: int, seed: int) -> Keyframe:
         """A keyframe drawn from the latent space."""
-        self._checked(frame)
+        self.worn.checked(frame)
         return self.add(Keyframe(frame, self.space.candidate(seed), None, f"candidate {seed}"))
 
     def add_shape(self, frame: int, vertices: np.ndarray, canonical: bool = False, origin: str = "") -> Keyframe:
@@ -159,15 +162,15 @@ class Composer:
             canonical: Whether they are in the frame of the pelvis and not in the world.
             origin: Where they come from, in words.
         """
-        number = self._checked(frame)
+        number = self.worn.checked(frame)
         count = len(self.space.garment.template.vertices)
         if np.shape(vertices) != (count, 3):
             raise ValueError(
                 f"keyframe at {frame}: has {len(vertices)} vertices, '{self.space.garment.name}' has {count}"
             )
         world = self.in_world(vertices, number) if canonical else np.asarray(vertices)
-        own = self._own(world[None], np.array([number]))
-        signature = self._signatures[number : number + 1]
+        own = self.worn.own(world[None], np.array([number]))
+        signature = self.worn.signatures[number : number + 1]
         latent = self.space.encode(own, signature)
         detail = own[0] - self.space.decode(latent, signature)[0]
         return self.add(Keyframe(frame, latent, detail, origin or "shape"))
@@ -179,7 +182,7 @@ class Composer:
             ValueError: There is none, or the new frame is outside of the motion.
         """
         keyframe = self._existing(frame)
-        target = self._checked(to)
+        target = self.worn.checked(to)
         del self._keyframes[keyframe.frame]
         return self.add(keyframe.at(target))
 
@@ -190,7 +193,7 @@ class Composer:
 
     def with_motion(self, clip: Clip, loop: bool = False) -> Composer:
         """The same keyframes on another motion, at the same share of its length; details stay behind."""
-        other = Composer(self.space, clip, self.shape, self.hold, loop)
+        other = Composer(self.space, clip, self.worn.shape, self.hold, loop)
         scale = (other.frames - 1) / (self.frames - 1)
         for keyframe in self.keyframes:
             other.add(Keyframe(round(keyframe.frame * scale), keyframe.latent, None, keyframe.origin))
@@ -209,7 +212,7 @@ class Composer:
         Raises:
             ValueError: It is outside of the motion.
         """
-        return self._world(np.asarray(canonical)[None], np.array([self._checked(frame, wrap=False)]))[0]
+        return self.worn.world(np.asarray(canonical)[None], np.array([self.worn.checked(frame, wrap=False)]))[0]
 
     def evidence(self, vertices: np.ndarray, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What given garments ``vertices [n, V, 3]`` [m] in the world say of z in the frames ``numbers [n]``.
@@ -220,8 +223,8 @@ class Composer:
         Raises:
             ValueError: A frame is outside of the motion.
         """
-        frames = np.array([self._checked(int(number), wrap=False) for number in numbers])
-        return self.space.evidence(self._own(vertices, frames), self._signatures[frames])
+        frames = np.array([self.worn.checked(int(number), wrap=False) for number in numbers])
+        return self.space.evidence(self.worn.own(vertices, frames), self.worn.signatures[frames])
 
     def latents(self, frames: np.ndarray | None = None) -> np.ndarray:
         """z [n, Z] of the frames, all where None."""
@@ -234,7 +237,7 @@ class Composer:
         Raises:
             ValueError: It is outside of the motion.
         """
-        return next(self.some_frames([self._checked(number, wrap=False)], refine))
+        return next(self.some_frames([self.worn.checked(number, wrap=False)], refine))
 
     def some_frames(self, numbers: Sequence[int], refine: bool = True) -> Iterator[ComposedFrame]:
         """Some frames in turn, decoded together and refined one by one as they are asked for.
@@ -242,9 +245,9 @@ class Composer:
         Raises:
             ValueError: One is outside of the motion.
         """
-        asked = np.array([self._checked(int(number), wrap=False) for number in numbers], dtype=np.int64)
-        for number, vertices in zip(asked, self._world(self._canonical(asked), asked), strict=True):
-            under = self._bodies[number]
+        asked = np.array([self.worn.checked(int(number), wrap=False) for number in numbers], dtype=np.int64)
+        for number, vertices in zip(asked, self.worn.world(self._canonical(asked), asked), strict=True):
+            under = self.worn.bodies[number]
             posed = self._refiner.body.at(under)
             hits = self._refiner.near(vertices, posed)
             if refine:
@@ -271,12 +274,12 @@ class Composer:
         frames = self.frames
         made = np.empty((frames, len(self.space.garment.template.vertices), 3), dtype=np.float32)
         inside = left = 0
-        different = frames - 1 if self.loop else frames
+        different = frames - 1 if self.worn.loop else frames
         for start in range(0, different, BATCH):
             numbers = np.arange(start, min(start + BATCH, different))
-            world = self._world(self._canonical(numbers), numbers)
+            world = self.worn.world(self._canonical(numbers), numbers)
             for number, vertices in zip(numbers, world, strict=True):
-                posed = self._refiner.body.at(self._bodies[number])
+                posed = self._refiner.body.at(self.worn.bodies[number])
                 hits = self._refiner.near(vertices, posed)
                 count = int((hits.distance < 0.0).sum())
                 inside += count
@@ -288,60 +291,33 @@ class Composer:
                 made[number] = vertices
             if progress is not None:
                 progress(min(start + BATCH, different), different)
-        if self.loop:
-            made[-1] = self._carried(made[0])
-        notes: dict[str, str | float] = {"solver": "composed", "keyframes": self._listed(), "loop": str(self.loop)}
+        if self.worn.loop:
+            made[-1] = self.worn.carried(made[0])
+        notes: dict[str, str | float] = {"solver": "composed", "keyframes": self._listed(), "loop": str(self.worn.loop)}
         name = plain_name(f"{self.space.garment.name}_{self.clip.name}")
-        animation = dressed_animation(name, self.clip, self.wearing, made, self._bodies, notes)
-        return Composed(animation, inside / (different * made.shape[1]), left, self._largest_step(made))
+        animation = dressed_animation(name, self.clip, self.worn.wearing, made, self.worn.bodies, notes)
+        return Composed(animation, inside / (different * made.shape[1]), left, self.worn.largest_step(made))
 
     def _sharing_copy(self) -> Composer:
         # What hangs on the motion alone is computed once for both.
-        _ = self._signatures, self._change, self._pelvis, self._bodies, self._between
+        self.worn.prepare()
+        _ = self._between
         return copy.copy(self)
 
     def _canonical(self, numbers: np.ndarray) -> np.ndarray:
         """Canonical garments [n, V, 3] of some frames, before refinement."""
-        shapes = self.space.decode(self.latents(numbers), self._signatures[numbers])
+        shapes = self.space.decode(self.latents(numbers), self.worn.signatures[numbers])
         for row, number in enumerate(numbers):
             detail = self._between.detail(int(number))
             if detail is not None:
                 shapes[row] += detail
-        return shapes + self._change[numbers]
-
-    def _own(self, world: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """Canonical garments [n, V, 3] on the run's own body, of those in the world."""
-        rotation, position = (part[numbers] for part in self._pelvis)
-        canonical = np.matmul(world - position[:, None], rotation)
-        return (canonical - self._change[numbers]).astype(np.float32)
-
-    def _world(self, canonical: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        rotation, position = (part[numbers] for part in self._pelvis)
-        return (np.matmul(canonical, np.swapaxes(rotation, 1, 2)) + position[:, None]).astype(np.float32)
-
-    def _carried(self, first: np.ndarray) -> np.ndarray:
-        """The garment of the first frame where the loop has taken the body to."""
-        (rotation, position), clip = self._pelvis, self.clip
-        if np.array_equal(clip.pose[0], clip.pose[-1]) and np.array_equal(clip.root[0], clip.root[-1]):
-            return first
-        return ((first - position[0]) @ rotation[0] @ rotation[-1].T + position[-1]).astype(np.float32)
-
-    def _largest_step(self, world: np.ndarray) -> float:
-        rotation, position = self._pelvis
-        canonical = np.matmul(world - position[:, None], rotation)
-        return float(np.linalg.norm(np.diff(canonical, axis=0), axis=2).max())
+        return shapes + self.worn.change[numbers]
 
     def _listed(self) -> str:
         return "; ".join(f"{k.frame}: {k.origin}" for k in self.keyframes) or "none: base material"
 
-    def _checked(self, frame: int, wrap: bool = True) -> int:
-        """A frame number as it counts: the last of a loop is its first."""
-        if isinstance(frame, bool) or int(frame) != frame or not 0 <= frame < self.frames:
-            raise ValueError(f"frame {frame}: the motion '{self.clip.name}' has the frames 0 to {self.frames - 1}")
-        return int(frame) % (self.frames - 1) if self.loop and wrap else int(frame)
-
     def _existing(self, frame: int) -> Keyframe:
-        number = self._checked(frame)
+        number = self.worn.checked(frame)
         if number not in self._keyframes:
             known = ", ".join(str(k.frame) for k in self.keyframes) or "none"
             raise ValueError(f"frame {frame}: there is no keyframe; there are: {known}")
@@ -351,45 +327,6 @@ class Composer:
     def _between(self) -> Interpolation:
         if self._interpolation is None:
             keyframes = self.keyframes or (Keyframe(0, self.space.of_parameters(), None, "base material"),)
-            period = self.frames - 1 if self.loop else None
+            period = self.frames - 1 if self.worn.loop else None
             self._interpolation = Interpolation(keyframes, self.hold * self.clip.fps, period)
         return self._interpolation
-
-    @cached_property
-    def _track(self) -> MotionTrack:
-        run = self.space.garment.run
-        if not self.loop:
-            return clip_track(self.clip, self.body, run.lead_in)
-        # A loop has no beginning: what came before is what comes after.
-        lead = rounds_before(self.clip, self.space.network.config.window + 2, self.body)
-        return MotionTrack.from_motion(self.body, self.clip.pose, self.clip.root, *lead, self.clip.fps)
-
-    @cached_property
-    def _other(self) -> OtherBody | None:
-        garment = self.space.garment
-        return None if self.shape is None else OtherBody(garment.template, garment.run.body, self.body)
-
-    @cached_property
-    def _signatures(self) -> np.ndarray:
-        own = self._track if self._other is None else self._other.own_track(self._track)
-        rows = self.space.signatures(own)
-        if self.loop:
-            rows[-1] = rows[0]
-        return rows
-
-    @cached_property
-    def _change(self) -> np.ndarray:
-        """From the own body's canonical garments to those of the body that wears them, [T, V or 1, 3] [m]."""
-        if self._other is None:
-            return np.zeros((self.frames, 1, 3), dtype=np.float32)  # broadcasts over the vertices
-        return self._other.change(self._track)
-
-    @cached_property
-    def _pelvis(self) -> tuple[np.ndarray, np.ndarray]:
-        lead = self._track.lead
-        rotation, position = self._track.pelvis_frames()
-        return rotation[lead:].astype(np.float32), position[lead:].astype(np.float32)
-
-    @cached_property
-    def _bodies(self) -> np.ndarray:
-        return self.body.posed(self.clip.pose, self.clip.root).astype(np.float32)
