@@ -17,7 +17,7 @@ What hangs on the motion and the body alone is in ``runtime.worn_motion``.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,6 +82,7 @@ class Composer:
         shape: Shape coefficients of the body [standard deviations]; the run's own where None.
         hold: Seconds in which the detail of a given shape fades; 0 for the paper's interpolation, without any.
         loop: Whether the clip is a loop, whose last frame is its first; the garment is then one too.
+        refiner: Of this garment, on whatever body; a new one where None.
 
     Raises:
         ValueError: The motion has another frame rate than the run.
@@ -94,12 +95,13 @@ class Composer:
         shape: np.ndarray | None = None,
         hold: float = HOLD,
         loop: bool = False,
+        refiner: Refiner | None = None,
     ) -> None:
         self.worn = WornMotion(space, clip, shape, loop)
         if not 0.0 <= hold < 1e6:
             raise ValueError(f"hold: {hold:g} s, allowed are 0 and more")
         self.space, self.hold = space, hold
-        self._refiner = space.garment.refiner(self.body)
+        self._refiner = refiner or space.garment.refiner(self.body)
         self._keyframes: dict[int, Keyframe] = {}
         self._interpolation: Interpolation | None = None
 
@@ -191,13 +193,20 @@ class Composer:
         del self._keyframes[self._existing(frame).frame]
         self._interpolation = None
 
-    def with_motion(self, clip: Clip, loop: bool = False) -> Composer:
-        """The same keyframes on another motion, at the same share of its length; details stay behind."""
-        other = Composer(self.space, clip, self.worn.shape, self.hold, loop)
-        scale = (other.frames - 1) / (self.frames - 1)
-        for keyframe in self.keyframes:
-            other.add(Keyframe(round(keyframe.frame * scale), keyframe.latent, None, keyframe.origin))
-        return other
+    def use(self, keyframes: Iterable[Keyframe]) -> None:
+        """Have these keyframes, at different frames, and no others.
+
+        Raises:
+            ValueError: As :meth:`add`; then those that there were are kept.
+        """
+        before, self._keyframes = self._keyframes, {}
+        try:
+            for keyframe in keyframes:
+                self.add(keyframe)
+        except ValueError:
+            self._keyframes = before
+            raise
+        self._interpolation = None
 
     def alone(self, latent: np.ndarray) -> Composer:
         """The same motion with one z throughout and no other keyframe; it shares what was computed for this one."""
@@ -258,7 +267,7 @@ class Composer:
         """The same keyframes on the same motion, for another thread; later changes of the one do not reach the other.
 
         Args:
-            refiner: Of this body and garment; a refiner is no thing for two threads.
+            refiner: Of this garment; a refiner is no thing for two threads.
         """
         other = self._sharing_copy()
         other._refiner, other._keyframes = refiner, dict(self._keyframes)
@@ -295,7 +304,7 @@ class Composer:
             made[-1] = self.worn.carried(made[0])
         notes: dict[str, str | float] = {"solver": "composed", "keyframes": self._listed(), "loop": str(self.worn.loop)}
         name = plain_name(f"{self.space.garment.name}_{self.clip.name}")
-        animation = dressed_animation(name, self.clip, self.worn.wearing, made, self.worn.bodies, notes)
+        animation = dressed_animation(name, self.clip, self.worn.wearing, made, self.worn.bodies.all(), notes)
         return Composed(animation, inside / (different * made.shape[1]), left, self.worn.largest_step(made))
 
     def _sharing_copy(self) -> Composer:

@@ -20,11 +20,12 @@ from motions.clip import Clip
 from motions.looping import exact_loop, rounds_before
 from runtime.dressing import Wearing
 from runtime.intrinsic_space import IntrinsicSpace
+from runtime.lazy_rows import LazyRows
 from runtime.motion_making import clip_track, on_body
 
 
 class WornMotion:
-    """Each part is computed when it is first asked for, and then kept.
+    """Each part is computed when it is first asked for, and then kept; bodies and garments a few frames at a time.
 
     Attributes:
         given: The clip as it was given, of the run's own body.
@@ -58,13 +59,14 @@ class WornMotion:
         return self.clip.frames
 
     def prepare(self) -> None:
-        """Compute all of it now, before several threads ask."""
+        """Compute now what all frames share, before several threads ask."""
         _ = self.signatures, self.change, self._pelvis, self.bodies
 
     @cached_property
-    def bodies(self) -> np.ndarray:
-        """The body in the world [m], shape [T, B, 3]."""
-        return self.body.posed(self.clip.pose, self.clip.root).astype(np.float32)
+    def bodies(self) -> LazyRows:
+        """The body in the world [m], rows [T, B, 3]."""
+        clip = self.clip
+        return LazyRows(self.frames, lambda part: self.body.posed(clip.pose[part], clip.root[part]).astype(np.float32))
 
     @cached_property
     def signatures(self) -> np.ndarray:
@@ -76,11 +78,17 @@ class WornMotion:
         return rows
 
     @cached_property
-    def change(self) -> np.ndarray:
-        """From the own body's canonical garments to those of the body that wears them, [T, V or 1, 3] [m]."""
-        if self._other is None:
-            return np.zeros((self.frames, 1, 3), dtype=np.float32)  # broadcasts over the vertices
-        return self._other.change(self._track)
+    def change(self) -> LazyRows:
+        """From the own body's canonical garments to those of the body that wears them, rows [T, V or 1, 3] [m]."""
+        track, other = self._track, self._other
+
+        def rows(part: slice) -> np.ndarray:
+            if other is None:
+                return np.zeros((part.stop - part.start, 1, 3), dtype=np.float32)  # broadcasts over the vertices
+            frames = slice(track.lead + part.start, track.lead + part.stop)
+            return other.change(MotionTrack(track.pose[frames], track.joints[frames], 0, track.fps))
+
+        return LazyRows(self.frames, rows)
 
     def checked(self, frame: int, wrap: bool = True) -> int:
         """A frame number as it counts: the last of a loop is its first.
