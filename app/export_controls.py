@@ -32,7 +32,10 @@ class ExportControls:
     def __init__(self, window: Window) -> None:
         self.window, gui = window, window.server.gui
         self._busy = threading.Lock()
-        gui.add_markdown(f"Written to `{window.exports}`; what is there is kept. Small files are offered here as well.")
+        gui.add_markdown(
+            f"Body and garment, all frames. Written to `{window.exports}`, never over what is there; a file of at most "
+            f"{DOWNLOADED // 2**20} MiB is downloaded, too."
+        )
         self._buttons = {kind: gui.add_button(_MADE_FOR[kind], icon=viser.Icon.DOWNLOAD) for kind in KINDS}
         self._told = gui.add_markdown("")
         for kind, button in self._buttons.items():
@@ -41,11 +44,10 @@ class ExportControls:
     def _export(self, client: viser.ClientHandle, kind: str) -> None:
         if not self._busy.acquire(blocking=False):
             raise ValueError("an export is being written; wait until it is done")
-        note = client.add_notification("Export", f"writing {kind} ...", loading=True, with_close_button=False)
         try:
-            path = export(self.window.session.animation(), self.window.exports, kind)
+            with self.window.busy(client, "Export", f"writing {kind} ..."):
+                path = export(self.window.session.animation(), self.window.exports, kind)
         finally:
-            note.remove()
             self._busy.release()
         self._told.content = f"Written: `{path}`"
         self.window.say(client, "Exported", str(path), "green")

@@ -6,11 +6,19 @@ from typing import TYPE_CHECKING
 
 import viser
 
+from app.plain_text import plain
+
 if TYPE_CHECKING:
     from app.window import Window
 
 _SHOWN = 14
 """Keyframes that the list shows."""
+
+
+_NONE = """
+None yet: the garment is of its base material throughout. **Every change of its shape makes a keyframe at the frame that
+you see**; between keyframes it passes from one to the next, whatever the body does.
+"""
 
 
 class KeyframeControls:
@@ -27,45 +35,51 @@ class KeyframeControls:
             self._insert = gui.add_button(
                 "Insert keyframe",
                 icon=viser.Icon.DIAMOND,
-                hint="Keep the shape of this frame as a keyframe, to edit it",
+                hint="Keep the shape of this frame as a keyframe, to edit it (key I)",
             )
-            self._delete = gui.add_button("Delete keyframe", icon=viser.Icon.TRASH, color="gray", disabled=True)
-            self._to = gui.add_number("Move to frame", 0, min=0, step=1, hint="Where the keyframe of this frame goes")
-            self._move = gui.add_button("Move keyframe", icon=viser.Icon.ARROWS_HORIZONTAL, color="gray", disabled=True)
+            self._delete = gui.add_button(
+                "Delete keyframe", icon=viser.Icon.TRASH, color="gray", disabled=True, hint="Key Delete"
+            )
+            with gui.add_folder("Move", expand_by_default=False):
+                self._to = gui.add_number("To frame", 0, min=0, step=1, hint="Where the keyframe of this frame goes")
+                self._move = gui.add_button(
+                    "Move keyframe", icon=viser.Icon.ARROWS_HORIZONTAL, color="gray", disabled=True
+                )
             self._list = gui.add_markdown("")
-        self._insert.on_click(window.guarded(lambda _: self._inserted()))
-        self._delete.on_click(window.guarded(lambda _: self._deleted()))
+        self._insert.on_click(window.guarded(lambda _: self.insert()))
+        self._delete.on_click(window.guarded(lambda _: self.delete()))
         self._move.on_click(window.guarded(lambda _: self._moved()))
 
     def at(self, frame: int) -> None:
         """What can be done at a frame."""
         key = self.window.session.keyframe(frame)
         self._insert.disabled, self._delete.disabled, self._move.disabled = key is not None, key is None, key is None
-        told = f"keyframe: {_plain(key.origin)}" if key is not None else "no keyframe here"
+        told = f"keyframe: {plain(key.origin)}" if key is not None else "no keyframe here"
         self._here.content = f"**Frame {frame}** · {told}"
 
     def list(self) -> None:
         """All keyframes."""
         keys = self.window.session.keyframes
-        lines = [f"- frame **{key.frame}** · {_plain(key.origin)}" for key in keys[:_SHOWN]]
+        lines = [f"- frame **{key.frame}** · {plain(key.origin)}" for key in keys[:_SHOWN]]
         if len(keys) > _SHOWN:
             lines.append(f"- and {len(keys) - _SHOWN} more")
-        self._list.content = "\n".join(lines) or "*None yet: the garment is of its base material throughout.*"
+        self._list.content = "\n".join(lines) or _NONE
 
-    def _inserted(self) -> None:
+    def insert(self) -> None:
+        """Insert a keyframe at the frame that is shown."""
+        self.window.pause()
         self.window.session.insert(self.window.frame)
         self.window.edited()
 
-    def _deleted(self) -> None:
+    def delete(self) -> None:
+        """Delete the keyframe of the frame that is shown; ``ValueError`` where there is none."""
+        self.window.pause()
         self.window.session.delete(self.window.frame)
         self.window.edited()
 
     def _moved(self) -> None:
+        self.window.pause()
         key = self.window.session.move(self.window.frame, int(self._to.value))
         self.window.frame = key.frame
         self.window.edited()
-
-
-def _plain(text: str) -> str:
-    """A text, such as a file's name, without what Markdown would make of it."""
-    return "".join(f"\\{letter}" if letter in "\\`*_{}[]()<>#+!|~" else letter for letter in text)
+        self.window.timeline.at(key.frame)

@@ -1,4 +1,4 @@
-"""Which garment is worn and what the body does."""
+"""What the body does."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import viser
 
-from app.session import FRAMES, LONGEST
+from app.motions import FRAMES, LONGEST, invented_motion, motion_of_file
+from app.plain_text import plain
 from app.uploads import read_upload
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class MotionControls:
-    """Controls of garment and motion, in the present container.
+    """Controls of the motion, in the present container.
 
     Args:
         window: What they control.
@@ -22,7 +23,7 @@ class MotionControls:
 
     def __init__(self, window: Window) -> None:
         self.window, gui, session = window, window.server.gui, window.session
-        self._garment = gui.add_dropdown("Garment", session.garments, initial_value=session.garment)
+        self._told = gui.add_markdown(self._described())
         with gui.add_folder("Motion from a label"):
             label = session.clip.label if session.clip.label in session.labels else session.labels[0]
             self._label = gui.add_dropdown("Label", session.labels, initial_value=label)
@@ -38,33 +39,34 @@ class MotionControls:
             self._upload = gui.add_upload_button(
                 "Open a motion", icon=viser.Icon.UPLOAD, mime_type=".bvh,.npz,.h5,.hdf5"
             )
-        self._told = gui.add_markdown(self._described())
-        self._garment.on_update(window.guarded(self._dressed))
         self._label.on_update(window.guarded(self._labelled))
         self._make.on_click(window.guarded(self._labelled))
         self._upload.on_upload(window.guarded(self._uploaded))
 
-    def _dressed(self, event: viser.GuiEvent) -> None:
-        given_up = self.window.change(lambda: self.window.session.use_garment(self._garment.value))
-        if given_up:
-            listed = ", ".join(str(frame) for frame in given_up)
-            self.window.say(
-                event.client, "Another garment", f"Only materials go from garment to garment: given up at {listed}."
-            )
-
-    def _labelled(self, _: viser.GuiEvent) -> None:
-        label, frames, seed = self._label.value, int(self._frames.value), int(self._seed.value)
-        self.window.change(lambda: self.window.session.use_label(label, frames, seed))
+    def follow(self) -> None:
+        """Show which motion there is."""
+        session = self.window.session
+        if session.clip.label in session.labels and self._label.value != session.clip.label:
+            self._label.value = session.clip.label
         self._told.content = self._described()
+
+    def _labelled(self, event: viser.GuiEvent) -> None:
+        label, frames, seed = self._label.value, int(self._frames.value), int(self._seed.value)
+        with self.window.busy(event.client, "Motion", f"inventing {frames} frames of '{label}' ..."):
+            try:
+                clip = invented_motion(self.window.session.run, label, frames, seed)
+                self.window.change(lambda: self.window.session.use_clip(clip))
+            finally:
+                self.follow()
 
     def _uploaded(self, event: viser.GuiEvent) -> None:
         file, name, session = event.target.value, self._clip.value.strip() or None, self.window.session
-        self.window.change(
-            lambda: read_upload(file.name, file.content, lambda path: session.use_motion_file(path, name))
-        )
-        self._told.content = self._described()
+        with self.window.busy(event.client, "Motion", "reading the file ..."):
+            clip = read_upload(file.name, file.content, lambda path: motion_of_file(session.run, path, name))
+            self.window.change(lambda: session.use_clip(clip))
+        self.follow()
 
     def _described(self) -> str:
         clip = self.window.session.clip
-        plain = "".join(letter if letter.isalnum() or letter in " .-+" else " " for letter in clip.name)
-        return f"The body moves as in **{plain}**: {clip.frames} frames at {clip.fps:g} a second."
+        seconds = clip.frames / clip.fps
+        return f"Now: **{plain(clip.name)}**, {clip.frames} frames, {seconds:.1f} s at {clip.fps:g} frames a second."

@@ -70,7 +70,7 @@ class Scene:
             point_shape="circle",
             visible=False,
         )
-        self.follow = self.highlight = True
+        self.follow = self.highlight = self._body_seen = True
 
     def dress(self, garment: str, faces: np.ndarray, body_faces: np.ndarray, look: Look) -> None:
         """Put a garment on, in place of another."""
@@ -87,6 +87,7 @@ class Scene:
                 color=tuple(round(255 * part) for part in BODY),
                 receive_shadow=False,
             )
+            self._body.visible = self._body_seen
             self._garment = scene.add_mesh_simple(
                 "/stage/garment", look.garment, faces, color=self.colour, side="double", receive_shadow=False
             )
@@ -108,12 +109,12 @@ class Scene:
                 self._inside.colors = np.array(_TAKEN_OUT if refined else _INSIDE, dtype=np.uint8)
             self._inside.visible = shown
             # What is inside the body is seen through it.
-            self._body.opacity = 0.55 if self.highlight and not refined else None
+            self._body.opacity = 0.7 if self.highlight and not refined else None
             self._stage.position = -place if self.follow else np.zeros(3)
 
     def show_body(self, on: bool) -> None:
         """Whether the body is seen."""
-        self._body.visible = on
+        self._body.visible = self._body_seen = on
 
     def show_candidates(
         self, looks: Sequence[Look], names: Sequence[str], chosen: Callable[[str, object], None]

@@ -1,58 +1,64 @@
-"""What is being made in the app, without a browser: a motion, a garment, its keyframes, and the sequence they give.
+"""What is being made in the app, without a browser: a garment on a body in a motion, its keyframes, what they give.
 
-``runtime.composing`` says what a frame looks like. Here frames are kept until an edit makes them stale, and made again:
-at once that which is looked at, and all others a few at a time, so that an edit in between never waits long.
-
-Every keyframe has the intrinsic parameters that it is of or nearest to. Changing one of them moves z as far as the z of
-the parameters moves, so that a shape keeps what it has beyond its parameters.
+``runtime.composing`` says what a frame looks like, ``app.keys`` what a keyframe is, ``app.making`` makes the frames.
+Here they are one piece of work, which any thread may change, and of which every change can be undone.
 """
 
 from __future__ import annotations
 
 import threading
-from collections import deque
-from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
-from app.frames import Frames, Look
-from app.materials import Material, check_trained, nearest_parameters
+from app.body_shape import BodyShapes
+from app.frames import Look
+from app.history import History, Step
+from app.keys import Keys
+from app.making import WORKERS, Making
+from app.materials import Material
+from app.motions import FRAMES, checked_length
+from app.wardrobe import Wardrobe
+from body.model import Body
 from formats.animation import Animation
 from formats.keyframe import read_keyframe
-from formats.motion_file import read_motion
 from motions.clip import Clip
 from runtime.asked_motion import asked_motion
 from runtime.composing import Composer
-from runtime.dressing import Wearing, dressed_animation
+from runtime.dressing import dressed_animation
 from runtime.finished_run import FinishedRun
-from runtime.intrinsic_space import IntrinsicSpace
 from runtime.keyframes import Keyframe
 
-FRAMES = 240
-"""Length of a generated motion, at first."""
 
-LONGEST = 3000
-"""Frames of a motion, at most: a hundred seconds at 30 frames a second."""
+@dataclass(frozen=True, eq=False)
+class State:
+    """All that an edit can change; nothing of it is ever changed itself.
 
-BLOCK = 8
-"""Frames that are decoded at once."""
+    Attributes:
+        garment: Name of the garment.
+        clip: The motion, of the run's own body.
+        shape: Shape coefficients of the body [standard deviations]; None for the run's own.
+        keyframes: By frame number.
+        materials: Of each keyframe, by frame.
+        refine: Whether garments are taken out of the body.
+    """
 
-WORKERS = 2
-"""Threads that make frames again: most of the time is spent outside of Python's lock."""
-
-
-STEADY = 0.2
-"""Seconds over which the path of the body is smoothed."""
+    garment: str
+    clip: Clip
+    shape: np.ndarray | None
+    keyframes: tuple[Keyframe, ...]
+    materials: Mapping[int, Material]
+    refine: bool
 
 
 class Session:
     """One user's work on a finished run. Methods may be called from any thread.
 
     Attributes:
-        path: Where the body is on the ground, without its sway, shape [T, 3] [m].
+        shapes: Body shapes that the run's models know.
 
     Args:
         run: The finished run.
@@ -73,96 +79,126 @@ class Session:
         frames: int = FRAMES,
         seed: int = 0,
     ) -> None:
-        self.run = run
+        self.run, self.shapes = run, BodyShapes(run)
         self.garments = tuple(run.config["garments"])
         self.labels = tuple(run.generator.config.labels)
-        self.refine = True
-        self._composer: Composer | None = None
-        self._work = threading.RLock()
-        space = IntrinsicSpace(run.garment(garment or self.garments[0]))
-        clip = asked_motion(run, motion or self.labels[0], None, frames, seed)
-        self._start(Composer(space, self._checked(clip)), {})
+        self._wardrobe = Wardrobe(run, WORKERS)
+        self._work, self._turn = threading.RLock(), threading.Lock()
+        self._history: History[State] = History()
+        self._making: Making | None = None
+        first = garment or self.garments[0]
+        self._wardrobe.load(first)
+        clip = checked_length(asked_motion(run, motion or self.labels[0], None, frames, seed))
+        self._begin(Keys(self._wardrobe.composer(first, clip, None), {}), refine=True)
 
     @property
     def garment(self) -> str:
         """Name of the garment."""
-        return self._composer.space.garment.name
+        return self._keys.composer.space.garment.name
 
     @property
     def faces(self) -> np.ndarray:
         """Triangles of the garment, shape [F, 3]."""
-        return self._composer.space.garment.template.faces
+        return self._keys.composer.space.garment.template.faces
 
     @property
     def clip(self) -> Clip:
-        """The motion."""
-        return self._composer.clip
+        """The motion, as the body that wears the garment makes it."""
+        return self._keys.composer.clip
 
     @property
     def frames(self) -> int:
         """Length of the motion T."""
-        return self._composer.frames
+        return self._keys.composer.frames
+
+    @property
+    def body(self) -> Body:
+        """The body that wears the garment."""
+        return self._keys.composer.body
+
+    @property
+    def shape(self) -> np.ndarray:
+        """Shape coefficients of that body [standard deviations], shape [5 or more]."""
+        shape = self._keys.composer.worn.shape
+        return self.shapes.own if shape is None else shape
 
     @property
     def ranges(self) -> dict[str, tuple[float, float]]:
         """Intrinsic parameters that the model was told, and between what it was trained."""
-        ranges = self._composer.space.garment.ranges
-        return {name: ranges[name] for name in self._composer.space.tellable}
+        return self._keys.ranges
 
     @property
     def keyframes(self) -> tuple[Keyframe, ...]:
         """The keyframes by frame number."""
-        return self._composer.keyframes
+        return self._keys.all
+
+    @property
+    def path(self) -> np.ndarray:
+        """Where the body is on the ground, without its sway, shape [T, 3] [m]."""
+        return self._making.path
+
+    @property
+    def refine(self) -> bool:
+        """Whether garments are taken out of the body."""
+        return self._making.refine
 
     @property
     def made(self) -> float:
         """Share of the frames that are as the keyframes say."""
-        return self._frames.share
+        return self._making.share
+
+    @property
+    def undoable(self) -> str | None:
+        """What would be undone, in words; None where there is nothing."""
+        return self._history.undoable
+
+    @property
+    def redoable(self) -> str | None:
+        """What would be made again, in words; None where there is nothing."""
+        return self._history.redoable
 
     def keyframe(self, frame: int) -> Keyframe | None:
         """The keyframe of a frame, or None."""
-        return next((key for key in self.keyframes if key.frame == frame), None)
+        return self._keys.at(frame)
 
     def parameters_at(self, frame: int) -> dict[str, float]:
         """The intrinsic parameters that the garment has in a frame, or is nearest to."""
-        return dict(self._material_at(frame).parameters)
+        self._check_frame(frame)
+        with self._work:
+            return dict(self._keys.material_at(frame).parameters)
 
     def latent(self, frame: int) -> np.ndarray:
         """z of a frame, shape [Z]."""
         self._check_frame(frame)
-        return self._composer.latents(np.array([frame]))[0]
+        return self._keys.latent(frame)
 
     def insert(self, frame: int) -> Keyframe:
         """A keyframe of the shape that the frame has at present: nothing changes until it is edited."""
         self._check_frame(frame)
-        there = self.keyframe(frame)
-        if there is not None:
-            return there
-        material = self._material_at(frame)
-        origin = "material" if material.exact else "shape in between"
-        return self._put(Keyframe(frame, self.latent(frame), None, origin), material)
+        with self._work:
+            there = self._keys.at(frame)
+            if there is not None:
+                return there
+            with self._edit(f"keyframe at frame {frame}", frame):
+                return self._keys.insert(frame)
 
     def insert_latent(self, frame: int, latent: np.ndarray, origin: str) -> Keyframe:
         """A keyframe of a point of the latent space, such as a candidate; takes the place of one that is there."""
         self._check_frame(frame)
-        parameters = nearest_parameters(self._composer.space, latent)
-        return self._put(Keyframe(frame, latent, None, origin), Material(parameters, False))
+        with self._edit(f"{origin} at frame {frame}", frame):
+            return self._keys.insert_latent(frame, latent, origin)
 
     def insert_parameters(self, frame: int, changed: Mapping[str, float]) -> Keyframe:
-        """A keyframe with some intrinsic parameters changed; the rest of what it is stays.
+        """A keyframe with some intrinsic parameters changed; the rest of what it is stays. Moved without a pause, they
+        are one edit.
 
         Raises:
             ValueError: A parameter or a value that the model was not trained on; says between what it was.
         """
-        before, there = self._material_at(frame), self.keyframe(frame)
-        check_trained(self.garment, self.ranges, changed)
-        after = dict(before.parameters) | {name: float(value) for name, value in changed.items()}
-        latent = self._latent_of(after)
-        if not before.exact:
-            latent = self.latent(frame) + latent - self._latent_of(before.parameters)
-        origin = "material" if there is None or before.exact else there.origin.removesuffix(", changed") + ", changed"
-        detail = None if there is None else there.detail
-        return self._put(Keyframe(frame, latent, detail, origin), Material(after, before.exact))
+        self._check_frame(frame)
+        names = ", ".join(name.replace("_", " ") for name in changed)
+        with self._edit(f"{names} at frame {frame}", frame, (frame, *changed)):
+            return self._keys.insert_parameters(frame, changed)
 
     def insert_mesh(self, frame: int, path: Path) -> Keyframe:
         """A keyframe of a mesh file: the garment's own mesh in another shape, on the body as it is in that frame.
@@ -171,197 +207,147 @@ class Session:
             ValueError: Not such a mesh; one sentence that names the file.
         """
         self._check_frame(frame)
-        vertices = read_keyframe(path, self.faces, len(self._composer.space.garment.template.vertices))
-        with self._work:
-            key = self._composer.add_shape(frame, vertices, origin=path.name)
-        return self._put(key, Material(nearest_parameters(self._composer.space, key.latent), False))
+        vertices = read_keyframe(path, self.faces, len(self._keys.composer.space.garment.template.vertices))
+        with self._edit(f"{path.name} at frame {frame}", frame):
+            return self._keys.insert_shape(frame, vertices, path.name)
 
     def delete(self, frame: int) -> None:
         """Take a keyframe away; ``ValueError`` lists them where there is none."""
-        with self._work:
-            self._composer.delete(frame)
-            self._materials.pop(frame, None)
-            self._frames.edited()
+        with self._edit(f"keyframe {frame} deleted", frame):
+            self._keys.delete(frame)
 
     def move(self, frame: int, to: int) -> Keyframe:
-        """Move a keyframe to another frame that has none."""
-        if to != frame and self.keyframe(to) is not None:
-            raise ValueError(f"frame {to} has a keyframe already; delete it first")
+        """Move a keyframe to another frame; ``ValueError`` where there is none, or the other has one."""
         with self._work:
-            key = self._composer.move(frame, to)
-            self._materials[key.frame] = self._materials.pop(frame)
-            self._frames.edited()
-        return key
+            there = self._keys.at(frame)
+            if to == frame and there is not None:
+                return there
+            with self._edit(f"keyframe {frame} moved to {to}", frame):
+                return self._keys.move(frame, to)
 
     def candidates(self, seeds: range) -> np.ndarray:
         """Points of the latent space where garments of sampled materials are, shape [n, Z]."""
-        return np.stack([self._composer.space.candidate(seed) for seed in seeds])
+        return np.stack([self._keys.composer.space.candidate(seed) for seed in seeds])
 
     def look_of(self, frame: int, latents: np.ndarray) -> list[Look]:
         """What garments of each of ``latents [n, Z]`` look like in a frame."""
         self._check_frame(frame)
-        with self._work:
-            made = [self._composer.alone(latent).frame(frame, self.refine) for latent in latents]
-        return [Look.of(frame, one) for one in made]
+        return self._making.looks_of(frame, latents)
 
     def look(self, frame: int) -> Look:
         """A frame as it is now; made at once where it is stale."""
         self._check_frame(frame)
-        frames = self._frames
-        version, kept = frames.kept(frame)
-        if kept is not None:
-            return kept
-        with self._work:
-            return frames.keep(Look.of(frame, self._composer.frame(frame, self.refine)), version)
+        return self._making.look(frame)
 
     def remake(self, first: int = 0, progress: Callable[[float], None] | None = None) -> bool:
-        """Make all stale frames, from ``first`` on and then those before it, on two threads.
-
-        Args:
-            first: Where to begin, such as the frame that is looked at.
-            progress: Told the share of frames that are made; from any thread.
-
-        Returns:
-            Whether all are; False where an edit came in between.
-        """
-        with self._work:
-            frames, refine = self._frames, self.refine
-            version, stale = frames.version, frames.stale(first)
-            twins = [self._composer.twin(refiner) for refiner in self._refiners]
-        blocks = deque(stale[start : start + BLOCK] for start in range(0, len(stale), BLOCK))
-
-        def outdated() -> bool:
-            return frames is not self._frames or version != frames.version
-
-        def work(composer: Composer) -> None:
-            while True:
-                try:
-                    block = blocks.popleft()
-                except IndexError:
-                    return
-                for frame, made in zip(block, composer.some_frames(block, refine), strict=True):
-                    frames.keep(Look.of(int(frame), made), version)
-                    if outdated():
-                        return
-                if progress:
-                    progress(frames.share)
-
-        with ThreadPoolExecutor(WORKERS) as pool:
-            for done in [pool.submit(work, twin) for twin in twins]:
-                done.result()
-        return not outdated() and frames.all_made
+        """Make all stale frames; see ``Making.remake``. False where an edit came in between."""
+        making = self._making
+        return making.remake(first, progress) and making is self._making
 
     def set_refine(self, on: bool) -> None:
         """Whether garments are taken out of the body."""
-        if on != self.refine:
-            with self._work:
-                self.refine = on
-                self._frames.edited()
+        with self._work:
+            if on != self.refine:
+                with self._edit(f"refinement {'on' if on else 'off'}"):
+                    self._making.refine = on
 
     def use_garment(self, name: str) -> list[int]:
-        """Another garment. Keyframes that are materials go with it; what other keyframes are, it does not know.
+        """Another garment. Keyframes that are materials go with it; other ones it cannot know.
 
         Returns:
             Frames of the keyframes that were given up.
         """
-        composer = Composer(IntrinsicSpace(self.run.garment(name)), self.clip)
-        with self._work:
-            given_up = [key.frame for key in self.keyframes if not self._materials[key.frame].exact]
-            kept = {frame: m.parameters for frame, m in self._materials.items() if m.exact}
-            self._start(composer, {})
-            for frame, parameters in sorted(kept.items()):
-                asked = {name: parameters[name] for name in self.ranges if name in parameters}
-                fitting = {name: float(np.clip(value, *self.ranges[name])) for name, value in asked.items()}
-                values = self._base() | fitting
-                self._put(Keyframe(frame, self._latent_of(values), None, "material"), Material(values, True))
+        self._wardrobe.load(name)
+        with self._edit(f"garment {name}"):
+            keys, given_up = self._keys.in_garment(self._composer(replace(self._state(), garment=name)))
+            self._begin(keys, self.refine)
         return given_up
 
-    def use_label(self, label: str, frames: int, seed: int) -> None:
-        """A generated motion in place of this one; see :meth:`use_clip`."""
-        if label not in self.labels:
-            raise ValueError(f"label {label!r} is unknown; known labels: {', '.join(self.labels)}")
-        if not 2 <= frames <= LONGEST:
-            raise ValueError(f"a motion of {frames} frames: allowed are 2 to {LONGEST}")
-        self.use_clip(asked_motion(self.run, label, None, frames, seed))
-
-    def use_motion_file(self, path: Path, name: str | None = None) -> None:
-        """The motion of a file in place of this one: BVH, AMASS or our own; see :meth:`use_clip`.
+    def use_shape(self, wanted: Sequence[float]) -> None:
+        """Another body in the same motion, with the same keyframes. Moved without a pause, it is one edit.
 
         Args:
-            path: The file.
-            name: Which clip, of a file that holds several.
+            wanted: A coefficient for each of ``shapes.ends`` [standard deviations].
+
+        Raises:
+            ValueError: The run's models know one body, or none that is so far out; says between what.
         """
-        self.use_clip(read_motion(path, self.run.fps, self.run.body, name))
+        shape = self.shapes.checked(wanted)
+        with self._edit("body shape", None, "body shape"):
+            present = self._state()
+            self._begin(
+                self._keys.on_body(self._wardrobe.composer(present.garment, present.clip, shape)), present.refine
+            )
 
     def use_clip(self, clip: Clip) -> None:
-        """Another motion. Keyframes stay what they are, at the same share of its length.
+        """Another motion, of the run's own body. Keyframes stay what they are, at the same share of its length.
 
         Raises:
             ValueError: It is too long or too short.
         """
-        with self._work:
-            composer = self._composer.with_motion(self._checked(clip))
-            scale = (composer.frames - 1) / (self.frames - 1)
-            self._start(composer, {round(frame * scale): m for frame, m in sorted(self._materials.items())})
+        checked_length(clip)
+        with self._edit(f"motion {clip.name}"):
+            present = self._state()
+            self._begin(
+                self._keys.in_motion(self._wardrobe.composer(present.garment, clip, present.shape)), present.refine
+            )
+
+    def undo(self) -> Step[State]:
+        """Take the last edit back; ``ValueError`` where there is none."""
+        return self._stepped(self._history.undo)
+
+    def redo(self) -> Step[State]:
+        """Make the edit again that was undone last; ``ValueError`` where there is none."""
+        return self._stepped(self._history.redo)
 
     def animation(self) -> Animation:
         """All of it, to be saved; frames that are stale are made first."""
         while True:
             self.remake()
             with self._work:
-                if self._frames.all_made:
-                    return self._animation()
+                if not self._making.all_made:
+                    continue
+                notes: dict[str, str | float] = {"solver": "composed"}
+                notes |= {f"keyframe_{key.frame}": key.origin for key in self.keyframes}
+                wearing, name = self._keys.composer.worn.wearing, f"{self.garment}_{self.clip.name}"
+                return dressed_animation(name, self.clip, wearing, *self._making.stacked(), notes)
 
-    def _animation(self) -> Animation:
-        garments, bodies = self._frames.stacked()
-        notes: dict[str, str | float] = {"solver": "composed"}
-        notes |= {f"keyframe_{key.frame}": key.origin for key in self.keyframes}
-        wearing = Wearing(self._composer.space.garment)
-        name = f"{self.garment}_{self.clip.name}"
-        return dressed_animation(name, self.clip, wearing, garments, bodies, notes)
-
-    @staticmethod
-    def _checked(clip: Clip) -> Clip:
-        if not 2 <= clip.frames <= LONGEST:
-            raise ValueError(f"motion '{clip.name}' has {clip.frames} frames, allowed are 2 to {LONGEST}")
-        return clip
-
-    def _start(self, composer: Composer, materials: dict[int, Material]) -> None:
-        """Begin with another garment or motion."""
-        before, clip = self._composer, composer.clip
-        if before is None or before.space is not composer.space:
-            garment = composer.space.garment
-            self._refiners = [garment.refiner(composer.body) for _ in range(WORKERS)]
-        pelvis = (self.run.body.joints[0] + clip.root) * (1.0, 0.0, 1.0)
-        self.path = gaussian_filter(pelvis, (STEADY * clip.fps, 0.0), mode="nearest")
-        self._composer, self._materials, self._frames = composer, materials, Frames(composer.frames)
-
-    def _put(self, key: Keyframe, material: Material) -> Keyframe:
+    @contextmanager
+    def _edit(self, name: str, frame: int | None = None, held: Hashable = None) -> Iterator[None]:
+        """Make an edit that can be undone; one that fails has changed nothing."""
         with self._work:
-            key = self._composer.add(key)
-            self._materials[key.frame] = material
-            self._frames.edited()
-        return key
+            before = self._state()
+            yield
+            self._making.edited()
+            self._history.record(name, before, frame, held)
 
-    def _material_at(self, frame: int) -> Material:
-        self._check_frame(frame)
-        if frame in self._materials:
-            return self._materials[frame]
-        if not self._materials:
-            return Material(self._base(), True)
-        # Before the first keyframe and after the last there is what they are.
-        ends = min(self._materials), max(self._materials)
-        if not ends[0] < frame < ends[1]:
-            return self._materials[ends[0] if frame < ends[0] else ends[1]]
-        return Material(nearest_parameters(self._composer.space, self.latent(frame)), False)
+    def _state(self) -> State:
+        worn = self._keys.composer.worn
+        return State(self.garment, worn.given, worn.shape, self._keys.all, self._keys.materials, self.refine)
 
-    def _base(self) -> dict[str, float]:
-        base = self._composer.space.garment.base_parameters
-        return {name: float(base[name]) for name in self.ranges}
+    def _composer(self, state: State) -> Composer:
+        """Garment, motion and body of a state, without its keyframes."""
+        return self._wardrobe.composer(state.garment, state.clip, state.shape)
 
-    def _latent_of(self, values: Mapping[str, float]) -> np.ndarray:
-        space = self._composer.space
-        return space.of_parameters(dict(space.garment.base_parameters) | dict(values))
+    def _stepped(self, take: Callable[[State], Step[State]]) -> Step[State]:
+        with self._work:
+            step = take(self._state())
+            self._restore(step.state)
+        return step
+
+    def _restore(self, state: State) -> None:
+        composer, present = self._keys.composer, self._state()
+        if present.garment != state.garment or present.clip is not state.clip or present.shape is not state.shape:
+            composer = self._composer(state)
+        composer.use(state.keyframes)
+        self._begin(Keys(composer, state.materials), state.refine)
+
+    def _begin(self, keys: Keys, refine: bool) -> None:
+        """Make what these keyframes give, in place of what was made."""
+        if self._making is not None:
+            self._making.edited()  # whoever makes it, stops
+        refiners = self._wardrobe.refiners(keys.composer.space.garment.name)
+        self._keys, self._making = keys, Making(keys.composer, refine, self._work, refiners, self._turn)
 
     def _check_frame(self, frame: int) -> None:
         if not 0 <= frame < self.frames:

@@ -42,7 +42,7 @@ class ShapeControls:
         gui = self._gui
         with gui.add_folder("Candidates"):
             gui.add_markdown("Garments drawn from what the model knows, beside the body. Click one to take it.")
-            self._sample = gui.add_button(f"Show {CANDIDATES} candidates", icon=viser.Icon.SPARKLES)
+            self._sample = gui.add_button(f"Show {CANDIDATES} candidates", icon=viser.Icon.SPARKLES, hint="Key C")
             self._take = gui.add_button_group("Take", ("-",), visible=False)
             self._away = gui.add_button("Send them away", color="gray", visible=False)
         self._holder = gui.add_folder("Intrinsic parameters")
@@ -54,7 +54,7 @@ class ShapeControls:
             self._upload = gui.add_upload_button(
                 "Keyframe from OBJ or PLY", icon=viser.Icon.UPLOAD, mime_type=".obj,.ply"
             )
-        self._sample.on_click(window.guarded(lambda _: self._sampled()))
+        self._sample.on_click(window.guarded(lambda _: self.sample()))
         self._take.on_click(window.guarded(lambda event: self._taken(event.target.value)))
         self._away.on_click(window.guarded(lambda _: self._sent_away()))
         self._upload.on_upload(window.guarded(self._uploaded))
@@ -96,7 +96,7 @@ class ShapeControls:
     def _slider(self, name: str, ends: tuple[float, float]) -> viser.GuiSliderHandle:
         told = parameter(name)
         slider = self._gui.add_slider(
-            name, 0, _STEPS, 1, 0,
+            name, 0, _STEPS, 1, 0, marks=((0, _short(ends[0])), (_STEPS, _short(ends[1]))),
             hint=f"{told.meaning}. Trained between {ends[0]:.3g} and {ends[1]:.3g} {_unit(told.unit)}".rstrip() + ".",
         )  # fmt: skip
         slider.on_update(self.window.guarded(lambda _: self._slid(name)))
@@ -109,15 +109,14 @@ class ShapeControls:
             share, ends = int(self._sliders[name].value), window.session.ranges[name]
             if share == round(_STEPS * share_of(name, window.session.parameters_at(window.frame)[name], ends)):
                 return
-            if window.player.playing:
-                window.play(False)
+            window.pause()
             window.session.insert_parameters(window.frame, {name: value_of(name, share / _STEPS, ends)})
             window.edited(dragged=name)
 
-    def _sampled(self) -> None:
+    def sample(self) -> None:
+        """Show the next candidates at the frame that is shown."""
         window = self.window
-        if window.player.playing:
-            window.play(False)
+        window.pause()
         seeds = range(self._first, self._first + CANDIDATES)
         self._first += CANDIDATES
         self._latents = dict(zip(map(str, seeds), window.session.candidates(seeds), strict=True))
@@ -146,8 +145,12 @@ class ShapeControls:
 
     @staticmethod
     def _label(name: str, value: float) -> str:
-        shown = float(f"{value:.3g}")
-        return f"{name.replace('_', ' ')} {shown:g}".replace("e-0", "e-")
+        return f"{name.replace('_', ' ')} {_short(value)} {_unit(parameter(name).unit)}".rstrip()
+
+
+def _short(value: float) -> str:
+    """Three digits, as short as they go."""
+    return f"{float(f'{value:.3g}'):g}".replace("e-0", "e-")
 
 
 def _unit(unit: str) -> str:

@@ -15,6 +15,13 @@ _EVERY = 0.05
 """Seconds between two steps of the progress bar."""
 
 
+_KEY = "◆"
+"""Marks a keyframe."""
+
+
+_STEPS = ("|<", "<", ">", ">|", f"< {_KEY}", f"{_KEY} >")
+
+
 class Timeline:
     """Controls of the timeline, in the present container.
 
@@ -28,7 +35,7 @@ class Timeline:
         self._building, self._scrubbing = threading.Lock(), threading.Lock()
         with self._gui.add_folder("Timeline"):
             self._holder = self._gui.add_folder(None)
-            self._steps = self._gui.add_button_group("Step", ("|<", "<", ">", ">|", "< key", "key >"))
+            self._steps = self._gui.add_button_group("Step", _STEPS)
             self._play = self._gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Play, or pause")
             self._bar = self._gui.add_progress_bar(0.0, animated=True)
             self._state = self._gui.add_markdown("")
@@ -45,10 +52,12 @@ class Timeline:
             if wanted == self._marked:
                 return
             old, self._marked = self._slider, wanted
+            last = session.frames - 1
+            marks = {0: "0", last: str(last)} | dict.fromkeys(wanted[1], _KEY)
             with self._holder:
                 self._slider = self._gui.add_slider(
-                    "Frame", 0, session.frames - 1, 1, self.window.frame, marks=wanted[1] or None,
-                    hint="Drag to scrub; the marks are keyframes",
+                    "Frame", 0, last, 1, self.window.frame, marks=tuple(sorted(marks.items())),
+                    hint=f"Drag to scrub; {_KEY} are keyframes",
                 )  # fmt: skip
             self._slider.on_update(self.window.guarded(lambda _: self._scrubbed()))
             if old is not None:
@@ -82,8 +91,7 @@ class Timeline:
         with self._scrubbing:
             # While frames were shown the user has dragged on: what counts is where the slider is now.
             while (frame := int(self._slider.value)) != window.frame:
-                if window.player.playing:
-                    window.play(False)
+                window.pause()
                 window.scrub(frame)
 
     def _step(self, which: str) -> None:
@@ -95,9 +103,8 @@ class Timeline:
             "<": max(0, here - 1),
             ">": min(last, here + 1),
             ">|": last,
-            "< key": max((key for key in keys if key < here), default=here),
-            "key >": min((key for key in keys if key > here), default=here),
+            "< ◆": max((key for key in keys if key < here), default=here),
+            "◆ >": min((key for key in keys if key > here), default=here),
         }[which]
-        if window.player.playing:
-            window.play(False)
+        window.pause()
         window.go(to)

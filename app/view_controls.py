@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from app.undo_controls import KEYS
+
 if TYPE_CHECKING:
     from app.window import Window
 
@@ -30,6 +32,9 @@ class ViewControls:
         self._highlight.on_update(window.guarded(lambda _: self._seen()))
         self._follow.on_update(window.guarded(lambda _: self._seen()))
         self._body.on_update(window.guarded(lambda _: window.scene.show_body(self._body.value)))
+        with gui.add_folder("Mouse and keys", expand_by_default=False):
+            gui.add_markdown("Drag to turn, scroll to come nearer, right-drag to move.")
+            gui.add_markdown(KEYS)
 
     def say_inside(self, count: int) -> None:
         """How many vertices are or were inside the body in the frame that is shown."""
@@ -38,6 +43,11 @@ class ViewControls:
         told = f"{count} {what} taken out of the body" if taken_out else f"{count} {what} inside the body"
         if self._told.content != told:
             self._told.content = told
+
+    def follow(self) -> None:
+        """Show whether garments are refined."""
+        if self._refine.value != self.window.session.refine:
+            self._refine.value = self.window.session.refine
 
     def _refined(self) -> None:
         self.window.session.set_refine(self._refine.value)

@@ -6,16 +6,19 @@ there is. Whatever goes wrong in a control is said on the page that it was used 
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
 import viser
 
+from app.body_controls import BodyControls
 from app.export_controls import ExportControls
+from app.garment_controls import GarmentControls
 from app.keyframe_controls import KeyframeControls
 from app.motion_controls import MotionControls
 from app.player import Player
@@ -24,12 +27,8 @@ from app.scene import Scene
 from app.session import Session
 from app.shape_controls import ShapeControls
 from app.timeline import Timeline
+from app.undo_controls import UndoControls
 from app.view_controls import ViewControls
-
-_HINT = """
-Drag to turn, scroll to come nearer, right-drag to move. **Every change of shape makes a keyframe at the frame that you
-see**; between keyframes the garment passes from one to the next, whatever the body does.
-"""
 
 T = TypeVar("T")
 
@@ -54,12 +53,15 @@ class Window:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(400)
         self.scene = Scene(server)
-        gui.add_markdown(_HINT)
         self.timeline = Timeline(self)
+        self.undo = UndoControls(self)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Shape", viser.Icon.SHIRT):
+            self.garments = GarmentControls(self)
             self.keys = KeyframeControls(self)
             self.shapes = ShapeControls(self)
+        with tabs.add_tab("Body", viser.Icon.USER):
+            self.body = BodyControls(self)
         with tabs.add_tab("Motion", viser.Icon.WALK):
             self.motions = MotionControls(self)
         with tabs.add_tab("View", viser.Icon.EYE):
@@ -68,6 +70,7 @@ class Window:
             self.export = ExportControls(self)
         self.redo = Redo(session, lambda: self.frame, self.timeline.progress, self._failed)
         self.player = Player(session.clip.fps, self._advance, self._failed)
+        self._dressed: str | None = None
         self._dress()
         self.edited()
 
@@ -98,11 +101,12 @@ class Window:
         self.shapes.at(self.frame)
         self.keys.at(self.frame)
 
-    def edited(self, dragged: str | None = None) -> None:
+    def edited(self, dragged: str | None = None, body_dragged: bool = False) -> None:
         """After an edit: show it on the present frame, then make all others again.
 
         Args:
             dragged: Parameter whose slider the user holds: that is left where it is.
+            body_dragged: Whether the user holds a slider of the body: all of them are left where they are.
         """
         self.show()
         self.redo.ask()
@@ -110,14 +114,30 @@ class Window:
         self.keys.list()
         self.keys.at(self.frame)
         self.shapes.at(self.frame, dragged)
+        self.body.follow(body_dragged)
+        self.undo.follow()
 
-    def change(self, work: Callable[[], T]) -> T:
-        """Take another garment or motion by ``work``, and show it; nothing is shown while they are exchanged."""
+    def change(self, work: Callable[[], T], body_dragged: bool = False) -> T:
+        """Take another garment, body or motion by ``work``, and show it; nothing is shown while they are exchanged."""
         with self._showing:
             result = work()
             self._dress()
-        self.edited()
+        self.edited(body_dragged=body_dragged)
         return result
+
+    def step_back(self, undo: bool) -> None:
+        """Undo, or redo, and show the frame where it was."""
+        self.pause()
+        with self._showing:
+            step = self.session.undo() if undo else self.session.redo()
+            if step.frame is not None:
+                self.frame = step.frame
+            self._dress()
+        self.edited()
+        self.timeline.at(self.frame)
+        self.garments.follow()
+        self.motions.follow()
+        self.view.follow()
 
     def play(self, on: bool) -> None:
         """Play or pause."""
@@ -126,6 +146,20 @@ class Window:
         self.timeline.playing(on)
         if not on:
             self.go(self.frame)
+
+    def pause(self) -> None:
+        """Play no more."""
+        if self.player.playing:
+            self.play(False)
+
+    @contextlib.contextmanager
+    def busy(self, client: viser.ClientHandle, title: str, text: str) -> Iterator[None]:
+        """Say on one page what is being done, as long as it is."""
+        note = client.add_notification(title, text, loading=True, with_close_button=False)
+        try:
+            yield
+        finally:
+            note.remove()
 
     def guarded(self, callback: Callable) -> Callable:
         """A callback whose errors are said on the page that it came from."""
@@ -137,7 +171,7 @@ class Window:
             try:
                 callback(event)
             except (ValueError, OSError) as error:
-                self.say(event.client, "That does not go", str(error), "red")
+                self.say(event.client, "That cannot be done", str(error), "red")
             except Exception as error:
                 _log.exception("in a control of the app")
                 self.say(event.client, "An unexpected error", f"{type(error).__name__}: {error}", "red")
@@ -151,8 +185,11 @@ class Window:
     def _dress(self) -> None:
         session = self.session
         self.frame = min(self.frame, session.frames - 1)
-        self.scene.dress(session.garment, session.faces, session.run.body.faces, session.look(self.frame))
-        self.shapes.build()
+        self.scene.clear_candidates()
+        if session.garment != self._dressed:
+            self.scene.dress(session.garment, session.faces, session.run.body.faces, session.look(self.frame))
+            self.shapes.build()
+            self._dressed = session.garment
 
     def _advance(self, steps: int) -> None:
         self.show((self.frame + steps) % self.session.frames)
@@ -162,4 +199,4 @@ class Window:
         if not isinstance(error, ValueError | OSError):
             _log.error("behind the app", exc_info=error)
         for client in self.server.get_clients().values():
-            self.say(client, "That does not go", str(error), "red")
+            self.say(client, "That cannot be done", str(error), "red")

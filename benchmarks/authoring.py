@@ -1,9 +1,9 @@
 """How long authoring takes: from an edit to the present frame, and until the whole sequence is made again.
 
-``python -m benchmarks.authoring --run results/default`` prints a table: milliseconds from the edit of a keyframe
-(a parameter, a candidate, a mesh, refinement) until the frame that is looked at is there, idle and while the sequence
-is being made, and seconds until all frames are. Wall clock, as the user waits; beside it the processor time, which
-other work on the machine does not change. The browser comes on top: `tests/test_app_browser.py` opens one.
+``python -m benchmarks.authoring --run results/default`` prints a table: milliseconds from an edit (a parameter, a
+candidate, a mesh, refinement, undo, another body) until the frame that is looked at is there, idle and while the
+sequence is being made, and seconds until all frames are. Wall clock, as the user waits; beside it the processor time,
+which other work on the machine does not change. The browser comes on top: `tests/test_app_browser.py` opens one.
 """
 
 from __future__ import annotations
@@ -65,6 +65,15 @@ def edit_rows(session: Session, repetitions: int, situation: str) -> list[Row]:
         session.set_refine(number % 2 == 1)
         session.look(frame)
 
+    def undo(number: int) -> None:
+        session.redo() if number % 2 else session.undo()
+        session.look(frame)
+
+    def body(number: int) -> None:
+        low, high = session.shapes.ends[0]
+        session.use_shape([low + (high - low) * (number + 1) / (repetitions + 2), *session.shapes.own[1:5]])
+        session.look(frame)
+
     def scrub(number: int) -> None:
         session.insert_parameters(0, {"density": low + (high - low) * (number + 1) / (repetitions + 2)})
         session.look(frame + 1)
@@ -78,9 +87,13 @@ def edit_rows(session: Session, repetitions: int, situation: str) -> list[Row]:
             session.look(frame)
 
         works = {"a parameter": parameter, "a candidate": candidate, "a mesh from a file": mesh}
-        works |= {"a far keyframe": scrub, "refinement": refinement}
+        works |= {"a far keyframe": scrub, "refinement": refinement, "undo": undo}
+        if session.shapes.ends:
+            works["body shape"] = body
         rows = [measured(f"edit: {name}, {situation}", work, repetitions, EDIT_GOAL) for name, work in works.items()]
     session.set_refine(True)
+    if session.shapes.ends:
+        session.use_shape(session.shapes.own[: len(session.shapes.ends)])
     return rows
 
 

@@ -11,6 +11,7 @@ import trimesh
 from app.exporting import KINDS, export
 from app.frames import Frames, Look
 from app.materials import share_of, value_of
+from app.motions import invented_motion, motion_of_file
 from app.server import allowed_pages, page_address, start_server
 from app.session import Session
 from app.uploads import LARGEST, harmless, read_upload
@@ -167,14 +168,14 @@ def test_materials_go_to_another_garment_and_keyframes_to_another_motion(session
     assert [key.frame for key in session.keyframes] == [5] and session.garment == "tshirt"
     assert session.parameters_at(5)["density"] == pytest.approx(session.ranges["density"][1])
     assert session.look(5).garment.shape[0] == len(session.run.garment("tshirt").template.vertices)
-    session.use_label("squat", 47, 1)
+    session.use_clip(invented_motion(session.run, "squat", 47, 1))
     assert session.frames == 47 and session.clip.label == "squat"
     assert [key.frame for key in session.keyframes] == [10]  # the same share of its length
     with pytest.raises(ValueError, match="allowed are 2 to"):
-        session.use_label("squat", 1, 0)
+        invented_motion(session.run, "squat", 1, 0)
     # A page could send anything: what is no label is no file either.
     with pytest.raises(ValueError, match="known labels: squat, walk"):
-        session.use_label(str(session.run.folder / "motions" / "batch_0000.h5"), 24, 0)
+        invented_motion(session.run, str(session.run.folder / "motions" / "batch_0000.h5"), 24, 0)
     assert session.frames == 47
 
 
@@ -184,7 +185,7 @@ def test_what_is_saved_can_be_opened_as_a_motion(session, tmp_path):
     assert animation.frames == 24 and animation.notes["keyframe_3"] == "material"
     np.testing.assert_array_equal(animation.mesh("skirt").frames[7], session.look(7).garment)
     write_animation_file(tmp_path / "a.h5", animation)
-    session.use_motion_file(tmp_path / "a.h5")
+    session.use_clip(motion_of_file(session.run, tmp_path / "a.h5"))
     np.testing.assert_allclose(session.clip.pose, animation.clip.pose, atol=1e-6)
 
 
@@ -206,7 +207,7 @@ def test_the_benchmark_times_every_kind_of_edit_and_the_whole_sequence(session):
     rows = edit_rows(session, 1, "idle") + sequence_rows(session, 1)
     assert [row["what"] for row in rows] == [
         *(f"edit: {what}, idle" for what in ("a parameter", "a candidate", "a mesh from a file", "a far keyframe")),
-        "edit: refinement, idle",
+        *(f"edit: {what}, idle" for what in ("refinement", "undo", "body shape")),
         "all 24 frames",
         "all 24 frames, not refined",
     ]
@@ -228,7 +229,7 @@ def test_uploads_are_judged_before_and_by_their_readers(session):
     before = session.clip
     for name, content in (("a.bvh", b"HIERARCHY\nROOT x"), ("b.npz", b"PK\x03\x04 no"), ("c.h5", b"\x89HDF\r\n\x1a\n")):
         with pytest.raises(ValueError, match=rf"^{name}"):
-            read_upload(name, content, session.use_motion_file)
+            read_upload(name, content, lambda path: motion_of_file(session.run, path))
     with pytest.raises(ValueError, match=r"^x\.obj"):
         read_upload("x.obj", b"v 0 0 nonsense\n", lambda path: session.insert_mesh(0, path))
     assert session.clip is before and session.keyframes == ()
