@@ -10,6 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from formats.animation import Animation, plain_name
@@ -74,32 +75,47 @@ def asked_wearing(options: argparse.Namespace, garment: LearnedGarment, learned:
     return Wearing(garment, material(garment, options.set, learned), body_shape(options.shape))
 
 
-def asked_formats(text: str) -> list[str]:
-    """Names of formats; ``ValueError`` lists the known ones."""
+@dataclass(frozen=True)
+class Output:
+    """What is written and where.
+
+    Attributes:
+        formats: Names of formats, each once.
+        folder: Where to; made where it is missing.
+        force: Whether what exists may be replaced.
+    """
+
+    formats: list[str]
+    folder: Path
+    force: bool
+
+    @classmethod
+    def asked(cls, options: argparse.Namespace) -> Output:
+        """What the options of :func:`add_output` say; ``ValueError`` lists the known formats for another one."""
+        return cls(_formats(options.format), Path(options.out), options.force)
+
+    def paths(self, name: str) -> list[Path]:
+        """Paths of an animation in each format; ``ValueError`` where one exists and is to be kept."""
+        paths = [self.folder / f"{plain_name(name)}.{kind}" for kind in self.formats]
+        for path in paths:
+            check_target(path, self.force)
+        return paths
+
+    def write(self, animation: Animation, paths: list[Path]) -> None:
+        """Write an animation to each path; says each, its size and how long it took on standard output."""
+        for path in paths:
+            start = time.monotonic()
+            written = save_animation(path, animation, self.force)
+            print(f"{written}  {_bytes(written) / 1e6:.2f} MB, {time.monotonic() - start:.1f} s", flush=True)
+
+
+def _formats(text: str) -> list[str]:
     formats = list(dict.fromkeys(part.strip().lower() for part in text.split(",") if part.strip()))
     unknown = [name for name in formats if name not in FORMATS]
     if unknown or not formats:
         wrong = f"unknown is {unknown[0]!r}" if unknown else "names none"
         raise ValueError(f"--format {text!r}: {wrong}; known are {', '.join(FORMATS)}")
     return formats
-
-
-def targets(name: str, folder: str | Path, formats: list[str], force: bool) -> list[Path]:
-    """Paths of an animation in each format; ``ValueError`` where one exists and is to be kept."""
-    paths = [Path(folder) / f"{plain_name(name)}.{kind}" for kind in formats]
-    for path in paths:
-        check_target(path, force)
-    return paths
-
-
-def write(animation: Animation, paths: list[Path], force: bool) -> list[Path]:
-    """Write an animation to each path; says each, its size and how long it took on standard output."""
-    written = []
-    for path in paths:
-        start = time.monotonic()
-        written.append(save_animation(path, animation, force))
-        print(f"{written[-1]}  {_bytes(written[-1]) / 1e6:.2f} MB, {time.monotonic() - start:.1f} s", flush=True)
-    return written
 
 
 def _bytes(path: Path) -> int:

@@ -22,22 +22,9 @@ The same in a file (--keyframes), beside whose folder meshes are looked for:
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 
-from formats.animation import plain_name
-from pipeline.command import (
-    add_output,
-    add_wearing,
-    asked_formats,
-    asked_garment,
-    run_command,
-    targets,
-    write,
-)
-from pipeline.keyframe_options import add_keyframes, add_motion, asked_clip, set_keyframes, told
-from runtime.composing import Composer
-from runtime.intrinsic_space import IntrinsicSpace
-from runtime.wishes import body_shape
+from pipeline.command import Output, add_output, add_wearing, asked_garment, run_command
+from pipeline.keyframe_options import add_keyframes, add_motion, asked_clip, compose_and_write
 
 
 def define(parser: argparse.ArgumentParser) -> None:
@@ -50,16 +37,8 @@ def define(parser: argparse.ArgumentParser) -> None:
 
 def compose(options: argparse.Namespace) -> None:
     """Read, compose, write; nothing is written if anything asked for is wrong."""
-    formats, garment = asked_formats(options.format), asked_garment(options)
-    shape = body_shape(options.shape)
-    clip = asked_clip(options, garment.run)
-    name = plain_name(f"{garment.name}_{clip.name}_composed")
-    paths = targets(name, options.out, formats, options.force)
-    composer = Composer(IntrinsicSpace(garment), clip, shape, options.hold)
-    set_keyframes(composer, options, "compose")
-    composed = composer.compose(not options.no_refine)
-    told("compose", name, composed, composer)
-    write(replace(composed.animation, name=name), paths, options.force)
+    output, garment = Output.asked(options), asked_garment(options)
+    compose_and_write("compose", options, output, garment, asked_clip(options, garment.run), "composed")
 
 
 def main(given: list[str] | None = None) -> None:

@@ -16,16 +16,7 @@ from pathlib import Path
 
 from formats.animation import plain_name
 from formats.motion_file import read_motion
-from pipeline.command import (
-    add_output,
-    add_wearing,
-    asked_formats,
-    asked_garment,
-    asked_wearing,
-    run_command,
-    targets,
-    write,
-)
+from pipeline.command import Output, add_output, add_wearing, asked_garment, asked_wearing, run_command
 from runtime.dressing import dress, simulate
 
 LEARNED, XPBD = "learned", "xpbd"
@@ -44,7 +35,7 @@ def define(parser: argparse.ArgumentParser) -> None:
 
 def dress_file(options: argparse.Namespace) -> None:
     """Read, dress, write."""
-    formats, garment = asked_formats(options.format), asked_garment(options)
+    output, garment = Output.asked(options), asked_garment(options)
     learned = options.solver == LEARNED
     wearing = asked_wearing(options, garment, learned)
     run = garment.run
@@ -58,10 +49,10 @@ def dress_file(options: argparse.Namespace) -> None:
     name = plain_name(f"{garment.name}_{options.clip or Path(options.motion).stem}_{options.solver}")
     part = slice(options.first, last)
     clip = replace(clip, pose=clip.pose[part], root=clip.root[part])
-    paths = targets(name, options.out, formats, options.force)
+    paths = output.paths(name)
     dressed = dress(clip, wearing, not options.no_refine) if learned else simulate(clip, wearing)
     print(f"[dress] {name}: {clip.frames} frames, {dressed.inside_after} vertices inside the body")
-    write(replace(dressed.animation, name=name), paths, options.force)
+    output.write(replace(dressed.animation, name=name), paths)
 
 
 def main(given: list[str] | None = None) -> None:

@@ -19,7 +19,7 @@ from datasets.shards import read_header, read_quality, read_sequences
 from formats.animation import Animation, dressed, plain_name
 from formats.animation_file import load_animation
 from motions.clip import Clip
-from pipeline.command import add_output, asked_formats, run_command, targets, write
+from pipeline.command import Output, add_output, run_command
 
 SHOWN = 12
 """Sequences that an error lists."""
@@ -97,7 +97,7 @@ def define(parser: argparse.ArgumentParser) -> None:
 
 def export(options: argparse.Namespace) -> None:
     """Write an animation in each format; nothing is written at all if one of them exists and is to be kept."""
-    formats = asked_formats(options.format)
+    output = Output.asked(options)
     if options.list:
         if not options.shard:
             raise ValueError("--list needs --shard")
@@ -109,7 +109,7 @@ def export(options: argparse.Namespace) -> None:
         animation = shard_animation(options.shard, sequence_index(options.shard, options.sequence))
     else:
         animation = load_animation(options.file)
-    write(animation, targets(animation.name, options.out, formats, options.force), options.force)
+    output.write(animation, output.paths(animation.name))
 
 
 def main(given: list[str] | None = None) -> None:

@@ -15,16 +15,7 @@ import argparse
 
 import torch
 
-from pipeline.command import (
-    add_output,
-    add_wearing,
-    asked_formats,
-    asked_garment,
-    asked_wearing,
-    run_command,
-    targets,
-    write,
-)
+from pipeline.command import Output, add_output, add_wearing, asked_garment, asked_wearing, run_command
 from runtime.dressing import Wearing, dress
 from runtime.motion_making import generated_clip
 from runtime.wishes import labels
@@ -46,7 +37,7 @@ def define(parser: argparse.ArgumentParser) -> None:
 
 def generate(options: argparse.Namespace) -> None:
     """Generate, dress, write, one animation after the other; nothing is begun if anything asked for is wrong."""
-    wanted, formats, garment = labels(options.label), asked_formats(options.format), asked_garment(options)
+    wanted, output, garment = labels(options.label), Output.asked(options), asked_garment(options)
     if not 1 <= options.count <= MOST:
         raise ValueError(f"--count {options.count}: allowed are 1 to {MOST}")
     if not 0 <= options.seed < 2**31:
@@ -56,7 +47,7 @@ def generate(options: argparse.Namespace) -> None:
     run, wearing = garment.run, asked_wearing(options, garment, learned=True)
     run.generator.label_numbers(wanted)
     names = [f"{garment.name}_{'_'.join(wanted)}_{options.seed + number:04d}" for number in range(options.count)]
-    paths = {name: targets(name, options.out, formats, options.force) for name in names}
+    paths = {name: output.paths(name) for name in names}
     for number, name in enumerate(names):
         seed = options.seed + number
         clip = generated_clip(
@@ -75,7 +66,7 @@ def generate(options: argparse.Namespace) -> None:
         dressed = dress(clip, worn, refine=not options.no_refine)
         left = f"{100.0 * dressed.inside:.2f}% of the vertices inside the body"
         print(f"[generate] {name}: {clip.frames} frames, {left} before refinement, {dressed.inside_after} left")
-        write(dressed.animation, paths[name], options.force)
+        output.write(dressed.animation, paths[name])
 
 
 def main(given: list[str] | None = None) -> None:

@@ -1,15 +1,19 @@
-"""What the commands that compose share: options for the motion and the keyframes, and what is said about them."""
+"""What the commands that compose share: options for the motion and the keyframes, composing, and what is said."""
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 
 import numpy as np
 
+from formats.animation import plain_name
 from motions.clip import Clip
+from pipeline.command import Output
 from runtime.asked_motion import asked_motion, stretch
 from runtime.composing import Composed, Composer
-from runtime.finished_run import FinishedRun
+from runtime.finished_run import FinishedRun, LearnedGarment
+from runtime.intrinsic_space import IntrinsicSpace
 from runtime.keyframe_wishes import (
     SPACES,
     WORLD,
@@ -22,6 +26,7 @@ from runtime.keyframe_wishes import (
     told_material,
 )
 from runtime.keyframes import HOLD
+from runtime.wishes import body_shape
 
 
 def add_motion(parser: argparse.ArgumentParser) -> None:
@@ -79,6 +84,38 @@ def asked_keyframes(options: argparse.Namespace) -> list[KeyframeWish]:
     wishes += [candidate_wish(text) for text in options.candidate]
     wishes += [parameter_wish(text) for text in options.set_at]
     return wishes + (read_wishes(options.keyframes) if options.keyframes else [])
+
+
+def compose_and_write(
+    command: str,
+    options: argparse.Namespace,
+    output: Output,
+    garment: LearnedGarment,
+    clip: Clip,
+    ending: str,
+    loop: bool = False,
+) -> None:
+    """Compose what the options ask for, say what came out, and write it.
+
+    Args:
+        command: Name of the command that says it.
+        options: Those of ``add_wearing`` and ``add_keyframes``.
+        output: What is written and where.
+        garment: Garment of a finished run.
+        clip: Motion of the run's own body.
+        ending: Last part of the animation's name.
+        loop: Whether the clip is a loop, and the garment is to be one too.
+
+    Raises:
+        ValueError: Something that was asked for is wrong; nothing is written.
+    """
+    name = plain_name(f"{garment.name}_{clip.name}_{ending}")
+    shape, paths = body_shape(options.shape), output.paths(name)
+    composer = Composer(IntrinsicSpace(garment), clip, shape, options.hold, loop)
+    set_keyframes(composer, options, command)
+    composed = composer.compose(not options.no_refine)
+    told(command, name, composed, composer)
+    output.write(replace(composed.animation, name=name), paths)
 
 
 def set_keyframes(composer: Composer, options: argparse.Namespace, command: str) -> None:

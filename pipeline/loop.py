@@ -17,25 +17,12 @@ is named; --close makes a loop of it, whose end fades into its beginning, by tha
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 
-from formats.animation import plain_name
 from motions.clip import Clip
 from motions.looping import TOLERANCE, best_loop, closed, loop_gap
-from pipeline.command import (
-    add_output,
-    add_wearing,
-    asked_formats,
-    asked_garment,
-    run_command,
-    targets,
-    write,
-)
-from pipeline.keyframe_options import add_keyframes, add_motion, asked_clip, set_keyframes, told
-from runtime.composing import Composer
+from pipeline.command import Output, add_output, add_wearing, asked_garment, run_command
+from pipeline.keyframe_options import add_keyframes, add_motion, asked_clip, compose_and_write
 from runtime.finished_run import FinishedRun
-from runtime.intrinsic_space import IntrinsicSpace
-from runtime.wishes import body_shape
 
 FADE = 0.4
 """Seconds in which a motion that is closed fades into its beginning."""
@@ -90,16 +77,9 @@ def looping(clip: Clip, run: FinishedRun, tolerance: float, close: float | None)
 
 def loop(options: argparse.Namespace) -> None:
     """Read, close, compose, write; nothing is written if anything asked for is wrong."""
-    formats, garment = asked_formats(options.format), asked_garment(options)
-    shape = body_shape(options.shape)
+    output, garment = Output.asked(options), asked_garment(options)
     clip = looping(asked_clip(options, garment.run), garment.run, options.tolerance, options.close)
-    name = plain_name(f"{garment.name}_{clip.name}_loop")
-    paths = targets(name, options.out, formats, options.force)
-    composer = Composer(IntrinsicSpace(garment), clip, shape, options.hold, loop=True)
-    set_keyframes(composer, options, "loop")
-    composed = composer.compose(not options.no_refine)
-    told("loop", name, composed, composer)
-    write(replace(composed.animation, name=name), paths, options.force)
+    compose_and_write("loop", options, output, garment, clip, "loop", loop=True)
 
 
 def main(given: list[str] | None = None) -> None:

@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from formats.animation import plain_name
-from pipeline.command import add_output, asked_formats, asked_garment, run_command, targets, write
+from pipeline.command import Output, add_output, asked_garment, run_command
 from pipeline.keyframe_options import add_motion, asked_clip, told
 from pipeline.shown_options import add_shown, shown_animation
 from runtime.composing import Composer
@@ -44,12 +44,12 @@ def define(parser: argparse.ArgumentParser) -> None:
 
 def retarget(options: argparse.Namespace) -> None:
     """Read, estimate, compose, write; nothing is written if anything asked for is wrong."""
-    formats, garment = asked_formats(options.format), asked_garment(options)
+    output, garment = Output.asked(options), asked_garment(options)
     shape, space = body_shape(options.shape), IntrinsicSpace(garment)
     shown = ShownGarment.of_animation(space, shown_animation(options))
     clip = asked_clip(options, garment.run)
     name = plain_name(f"{garment.name}_{clip.name}_retargeted")
-    paths = targets(name, options.out, formats, options.force)
+    paths = output.paths(name)
     composer = Composer(space, clip, shape)
     latents = shown.latents(options.parts)
     places = (np.arange(len(latents)) + 0.5) / len(latents) * (clip.frames - 1)
@@ -60,7 +60,7 @@ def retarget(options: argparse.Namespace) -> None:
     composed = composer.compose(not options.no_refine)
     print(f"[retarget] {shown.origin}: {shown.frames} frames were looked at")
     told("retarget", name, composed, composer)
-    write(replace(composed.animation, name=name), paths, options.force)
+    output.write(replace(composed.animation, name=name), paths)
 
 
 def main(given: list[str] | None = None) -> None:
