@@ -224,18 +224,61 @@ def decode_frames(module: MotionInvariantNetwork, latents: np.ndarray, signature
     return torch.cat(blocks).numpy()
 
 
-def save_motion_invariant(path: str | os.PathLike, module: MotionInvariantNetwork) -> None:
-    """Write a network to a model file."""
-    save_model(path, KIND, asdict(module.config), module)
+@dataclass(frozen=True)
+class TrainedOn:
+    """What a network belongs to: descriptors of equal length mean other shapes elsewhere.
+
+    Attributes:
+        garment: Name of the garment.
+        descriptor: Digest of the model file of the shape descriptor (``datasets.codes.file_digest``).
+    """
+
+    garment: str
+    descriptor: str
 
 
-def load_motion_invariant(path: str | os.PathLike) -> MotionInvariantNetwork:
-    """Read a network, on the CPU in eval mode; raises ``ValueError`` when the file is not one."""
+def save_motion_invariant(path: str | os.PathLike, module: MotionInvariantNetwork, trained_on: TrainedOn) -> None:
+    """Write a network to a model file, with what it was trained on."""
+    save_model(path, KIND, asdict(module.config) | {"trained_on": asdict(trained_on)}, module)
+
+
+def load_motion_invariant(path: str | os.PathLike, wanted: TrainedOn | None = None) -> MotionInvariantNetwork:
+    """Read a network, on the CPU in eval mode.
+
+    Args:
+        path: The model file.
+        wanted: What it has to be trained on. Files of earlier versions do not say; they are taken as they are.
+
+    Raises:
+        ValueError: The file is not one, or is of another garment or another descriptor.
+    """
     stored = load_model(path, KIND)
-    sizes = (len(stored.state[f"{name}_mean"]) for name in ("descriptor", "signature", "parameter"))
-    module = build_motion_invariant(MotionInvariantConfig(**stored.config), *sizes)
+    config, sizes = dict(stored.config), ("descriptor", "signature", "parameter")
+    found = config.pop("trained_on", None)
+    if wanted is not None and found is not None:
+        _check_trained_on(path, found, wanted)
+    try:
+        module = build_motion_invariant(
+            MotionInvariantConfig(**config), *(len(stored.state[f"{name}_mean"]) for name in sizes)
+        )
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"{path} is damaged, or of another version of this program ({error})") from None
     stored.into(module)
     return module
+
+
+def _check_trained_on(path: str | os.PathLike, found: object, wanted: TrainedOn) -> None:
+    known = found if isinstance(found, dict) else {}
+    garment = known.get("garment")
+    if garment != wanted.garment:
+        raise ValueError(
+            f"{path} was trained on the garment '{garment}', not on '{wanted.garment}'; run `snakemake all`"
+        )
+    if known.get("descriptor") != wanted.descriptor:
+        raise ValueError(
+            f"{path} was trained on another shape descriptor of '{wanted.garment}' than the run has; "
+            "run `snakemake all`"
+        )
 
 
 def _set_scaling(module: MotionInvariantNetwork, frames: IntrinsicFrames) -> None:

@@ -7,9 +7,10 @@ motions. Watched where both are unseen.
 
 from __future__ import annotations
 
+from datasets.codes import file_digest
 from datasets.shards import MATERIALS
 from datasets.splits import TRAIN, UNSEEN_BOTH
-from models.intrinsic_fitting import fit_motion_invariant, save_motion_invariant
+from models.intrinsic_fitting import TrainedOn, fit_motion_invariant, save_motion_invariant
 from models.motion_invariant import MotionInvariantConfig
 from pipeline.intrinsic_data import all_codes, intrinsic_frames, job_codes, varied_parameters
 from pipeline.stage import Job, run_stage
@@ -36,7 +37,8 @@ def main(job: Job) -> None:
         validation=validation,
         progress=TrainingProgress(f"{job.spec['garment']} motion-invariant {variant}"),
     )
-    save_motion_invariant(job.outputs[0], module)
+    trained_on = TrainedOn(job.spec["garment"], file_digest(descriptor_path))
+    save_motion_invariant(job.outputs[0], module, trained_on)
 
 
 if __name__ == "__main__":

@@ -17,11 +17,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from body.model import Body
+from datasets.codes import file_digest
 from garments.template import GarmentTemplate
 from models.conditioned_regressor import ConditionedRegressor, load_conditioned_regressor
 from models.garment_fitting import load_regressor
 from models.garment_regressor import Regressor
-from models.intrinsic_fitting import load_motion_invariant
+from models.intrinsic_fitting import TrainedOn, load_motion_invariant
 from models.motion_fitting import load_motion_cvae
 from models.motion_generator import MotionGenerator
 from models.motion_invariant import MotionInvariantNetwork
@@ -164,10 +165,12 @@ class LearnedGarment:
 
     @cached_property
     def autoencoder(self) -> MotionInvariantNetwork:
-        """The motion-invariant autoencoder in use; ``ValueError`` where it was trained on another descriptor."""
+        """The motion-invariant autoencoder in use; ``ValueError`` where it is of another garment or descriptor."""
         used = self.run.config["models"]["motion_invariant"]["use"]
         path = self.run._file("models", self.name, "motion_invariant", f"{used}.pt")
-        network, code = load_motion_invariant(path), self.descriptor.config.code
+        code, trained_on = self.descriptor.config.code, TrainedOn(self.name, file_digest(self.descriptor_path))
+        network = load_motion_invariant(path, trained_on)
+        # An earlier version's file does not say what it was trained on.
         if len(network.descriptor_mean) != code:
             raise ValueError(
                 f"{path} was trained on descriptors of {len(network.descriptor_mean)} numbers, that of '{self.name}' "

@@ -13,10 +13,12 @@ from body.model import Body
 from formats.animation import Animation
 from formats.animation_file import load_animation
 from geometry.proximity import SurfaceQuery
+from models.intrinsic_fitting import load_motion_invariant
 from motions.clip import Clip
 from motions.looping import best_loop, closed, exact_loop, heading_joints, loop_gap, rounds_before
 from motions.procedural import generate_clip
 from pipeline import compose, infer, loop, retarget
+from runtime import finished_run
 from runtime.asked_motion import asked_motion
 from runtime.composing import Composer
 from runtime.finished_run import FinishedRun
@@ -314,12 +316,20 @@ def with_models_of_a_tshirt(run: Path, folder: Path, kinds: tuple[str, ...]) -> 
     ("kind", "sentence"),
     [
         ("shape_descriptor", "describes a garment of .* vertices .* not this one of 300"),
-        ("motion_invariant", "was trained on .* around .* this garment is sampled from"),
+        ("motion_invariant", r"\.pt was trained on the garment 'tshirt', not on 'skirt'"),
     ],
 )
 def test_models_of_another_garment_are_refused(run, tmp_path, kind, sentence):
     other = with_models_of_a_tshirt(run, tmp_path, (kind,))
     with pytest.raises(SystemExit, match=sentence):
+        made(compose, other, tmp_path / "out", "--motion", "walk_000")
+
+
+def test_an_older_file_of_another_garment_is_known_by_its_materials(run, tmp_path, monkeypatch):
+    """Files of earlier versions do not say what they were trained on."""
+    other = with_models_of_a_tshirt(run, tmp_path, ("motion_invariant",))
+    monkeypatch.setattr(finished_run, "load_motion_invariant", lambda path, _: load_motion_invariant(path))
+    with pytest.raises(SystemExit, match=r"was trained on .* around .* this garment is sampled from"):
         made(compose, other, tmp_path / "out", "--motion", "walk_000")
 
 

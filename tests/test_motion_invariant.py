@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, replace
+
 import numpy as np
 import pytest
 import torch
 
 from evaluation.intrinsic import against_controls, sequences_of, transfer_rows, variance_ratio, variance_row
 from evaluation.recovery import effects_mm, recovery_rows, with_groups
+from models.checkpoint import save_model
 from models.intrinsic_fitting import (
     SamePhiStep,
+    TrainedOn,
     build_motion_invariant,
     decode_frames,
     embedding_loss,
@@ -30,6 +34,7 @@ from models.training import TrainingSettings
 
 SMALL = {"latent": 4, "width": 24, "blocks": 2, "subnetworks": 5, "motion_hidden": (24,), "batch": 24}
 CLIPS, FRAMES = 4, 12
+SKIRT = TrainedOn("skirt", "a" * 64)
 
 
 def material_frames(phis: range) -> tuple[IntrinsicFrames, dict[int, dict[str, float]]]:
@@ -271,12 +276,28 @@ def test_evidence_of_frames_adds_up_beside_the_prior():
     assert pooled(paper, value, np.ones((2, 1))) == pytest.approx(3.0)
 
 
+def test_a_network_of_another_garment_or_descriptor_is_refused_by_name(tmp_path):
+    network, path = build_motion_invariant(MotionInvariantConfig(**SMALL), 6, 6, 1), tmp_path / "model.pt"
+    save_motion_invariant(path, network, SKIRT)
+    with pytest.raises(ValueError, match=r"model\.pt was trained on the garment 'skirt', not on 'coat'; run"):
+        load_motion_invariant(path, replace(SKIRT, garment="coat"))
+    with pytest.raises(ValueError, match="trained on another shape descriptor of 'skirt' than the run has; run"):
+        load_motion_invariant(path, replace(SKIRT, descriptor="b" * 64))
+    assert load_motion_invariant(path).config == network.config
+    # As files were before they said so.
+    save_model(path, "motion_invariant", asdict(network.config), network)
+    assert load_motion_invariant(path, SKIRT).config == network.config
+    save_model(path, "motion_invariant", asdict(network.config) | {"colour": 1}, network)
+    with pytest.raises(ValueError, match=r"model\.pt is damaged, or of another version of this program \(.*colour"):
+        load_motion_invariant(path, SKIRT)
+
+
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_same_seed_same_network_and_file_round_trip(variant, tmp_path):
     first, frames = fitted(variant, tmp_path / "a", 1)
     second, _ = fitted(variant, tmp_path / "b", 1)
-    save_motion_invariant(tmp_path / "model.pt", first)
-    loaded = load_motion_invariant(tmp_path / "model.pt")
+    save_motion_invariant(tmp_path / "model.pt", first, SKIRT)
+    loaded = load_motion_invariant(tmp_path / "model.pt", SKIRT)
     latents = encode_frames(first, frames)
     for other in (second, loaded):
         assert np.array_equal(latents, encode_frames(other, frames))
