@@ -161,13 +161,17 @@ class Refiner:
         target = np.zeros_like(start)
         constrained = np.zeros(self.vertex_count, dtype=bool)
         current, checked, redirected, solves = start, start.copy(), 0, 0
+        # Likewise a midpoint; of none is anything known at first.
+        middles, free = start[:0], np.full(len(self.edges) if settings.edges else 0, -1.0)
         while solves < settings.iterations:
             if inside.any():
                 redirected += self._redirect(body, current, inside, known, surface, normal)
                 target[inside] = surface[inside] + settings.clearance * normal[inside]
                 constrained |= inside
             else:
-                ends, push = self._buried_edges(body, current, safe) if settings.edges else ((), ())
+                if not settings.edges:
+                    break
+                ends, push, middles = self._buried_edges(body, current, safe, middles, free)
                 if len(ends) == 0:
                     break
                 target[ends] = current[ends] + push
@@ -215,26 +219,45 @@ class Refiner:
             raise ValueError(f"vertices: expected shape [{self.vertex_count}, 3], got {list(np.shape(vertices))}")
 
     def _buried_edges(
-        self, body: PosedSurface, vertices: np.ndarray, safe: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Ends of the edges whose midpoint is inside, with the push [m] that brings each end's deepest edge out."""
+        self, body: PosedSurface, vertices: np.ndarray, safe: np.ndarray, middles: np.ndarray, free: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Ends of the edges whose midpoint is inside, with the push [m] that brings each end's deepest edge out.
+
+        Midpoints that cannot have got inside since they were last asked for are not asked for again.
+
+        Args:
+            body, vertices: Of the frame.
+            safe: How far each end may move before it can be inside [m], shape [V].
+            middles: What this returned last for the frame; empty at first.
+            free: How far each midpoint may move from there before it can be inside [m], shape [E]; -1 where it was
+                not asked for. Brought up to date in place.
+
+        Returns:
+            Ends, shape [C], pushes [C, 3], and the midpoints where they were last asked for, [E, 3].
+        """
         # Only an edge longer than twice its ends' distances can dip into the body.
         i, j = self._ends
         single, room = vertices.astype(np.float32), safe.astype(np.float32)
         length = _length(single.take(i, axis=0) - single.take(j, axis=0))
         near = np.nonzero(0.5 * length > np.maximum(room.take(i), room.take(j)))[0]
+        if len(middles) == 0:
+            middles = np.zeros((len(self.edges), 3))
+        now = 0.5 * (vertices.take(i[near], axis=0) + vertices.take(j[near], axis=0))
+        ask = _length(now - middles.take(near, axis=0)) >= free.take(near)
+        near, now = near[ask], now[ask]
         if len(near) == 0:
-            return np.zeros(0, dtype=np.int64), np.zeros((0, 3))
-        hits = body.query(0.5 * (vertices[i[near]] + vertices[j[near]]))
-        # From the shallowest to the deepest: of several edges at one end, the deepest is written last and stays.
-        buried = np.argsort(-hits.distance, kind="stable")[np.count_nonzero(hits.distance >= 0.0) :]
+            return np.zeros(0, dtype=np.int64), np.zeros((0, 3)), middles
+        hits = body.query(now)
+        middles[near], free[near] = now, np.maximum(hits.distance, 0.0)
         # An edge deeper than that runs through a limb or a fold, not over it: pushing its ends tears at the garment.
-        buried = buried[-hits.distance[buried] < STEEPEST * length[near[buried]]]
+        buried = np.flatnonzero((hits.distance < 0.0) & (-hits.distance < STEEPEST * length[near]))
+        # From the shallowest to the deepest: of several edges at one end, the deepest is written last and stays.
+        buried = buried[np.argsort(-hits.distance[buried], kind="stable")]
         move = (0.5 * self.settings.clearance - hits.distance[buried])[:, None] * hits.normal[buried]
         push = np.zeros_like(vertices)
         push[self.edges[near[buried]].reshape(-1)] = np.repeat(move, 2, axis=0)
-        ends = np.nonzero(push.any(axis=1))[0]
-        return ends, push[ends]
+        ends = np.unique(self.edges[near[buried]])
+        return ends, push[ends], middles
 
     def _redirect(
         self,
@@ -269,6 +292,10 @@ class Refiner:
         if len(far):
             hits = body.query(vertices[far])
             surface[far], normal[far], known[far] = hits.point, hits.normal, True
+        # The ways below go along these edges: where none of them leaps, nothing is wrong.
+        leap = _length(surface[i] - surface[j]) > JUMP * length + self.settings.clearance
+        if not (leap | (np.einsum("nc,nc->n", normal[i], normal[j]) < 0.0)).any():
+            return 0
         _, found, _ = dijkstra(graph, directed=False, indices=shore, return_predecessors=True, min_only=True)
         parent = np.full(self.vertex_count, -1)
         parent[names[found >= 0]] = names[found[found >= 0]]
