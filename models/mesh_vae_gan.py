@@ -22,7 +22,6 @@ A Active vertices (those that any type covers), B body vertices, N frames, L len
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -31,71 +30,9 @@ from torch import Tensor, nn
 from geometry.mesh_hierarchy import MeshHierarchy
 from geometry.rotations import axis_angle_to_6d, axis_angle_to_matrix
 from models.layer_losses import unit_face_normals
-from models.mesh_convolution import SLOPE, ChebyshevConvolution, MeshBlock, SparseOperator, scaled_laplacian
-
-KINDS = ("paper", "anchored", "coma")
-DISCRIMINATORS = ("patch", "global", "none")
-POSES = {"axis-angle": 72, "6d": 141}
-LOG_VARIANCE = (-12.0, 4.0)
-QUIET = -5.0
-"""Log variance of z before training: there is little noise to fight at first."""
-
-
-@dataclass(frozen=True)
-class MeshVaeGanConfig:
-    """Sizes and switches.
-
-    Attributes:
-        kind: One of ``KINDS``.
-        types: Names of the types of clothing, in the order of their one-hot vector.
-        body_name, body_digest: The body whose vertices are displaced.
-        latent: Length of z.
-        widths: Features of each block of the encoder, finest first; the generator mirrors them.
-        levels: Level of the mesh hierarchy that each block works on.
-        order: Chebyshev polynomials of a filter.
-        residual: Whether blocks have a shortcut.
-        conditional: Whether the generator is told pose and type.
-        pose: "axis-angle" (the paper's 72 numbers) or "6d" (rotations below the pelvis and the direction of gravity).
-        pose_code, type_code: Lengths that pose and type are compressed to.
-        discriminator: "patch", "global" (one verdict a mesh) or "none".
-        discriminator_widths, discriminator_levels: As of the encoder.
-        normal_weight, kl_weight, adversarial_weight: Of the losses beside that of coordinates, in units of the data.
-        variational: Whether z is drawn in training.
-        components: Of the regression of ``anchored``, after which its rank is cut.
-    """
-
-    kind: str
-    types: tuple[str, ...]
-    body_name: str
-    body_digest: str
-    latent: int = 32
-    widths: tuple[int, ...] = (8, 16, 32, 32)
-    levels: tuple[int, ...] = (0, 2, 4, 6)
-    order: int = 2
-    residual: bool = True
-    conditional: bool = True
-    pose: str = "axis-angle"
-    pose_code: int = 24
-    type_code: int = 8
-    discriminator: str = "patch"
-    discriminator_widths: tuple[int, ...] = (8, 16, 16)
-    discriminator_levels: tuple[int, ...] = (0, 2, 4)
-    normal_weight: float = 0.1
-    kl_weight: float = 1.0e-4
-    adversarial_weight: float = 0.02
-    variational: bool = True
-    components: int = 64
-
-    def __post_init__(self) -> None:
-        for name in ("types", "widths", "levels", "discriminator_widths", "discriminator_levels"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        for name, allowed in (("kind", KINDS), ("pose", tuple(POSES)), ("discriminator", DISCRIMINATORS)):
-            if getattr(self, name) not in allowed:
-                raise ValueError(f"mesh VAE-GAN {name}: {getattr(self, name)!r} is not one of {', '.join(allowed)}")
-        for ends in ("", "discriminator_"):
-            widths, levels = getattr(self, f"{ends}widths"), getattr(self, f"{ends}levels")
-            if len(widths) != len(levels) or not levels or list(levels) != sorted(levels):
-                raise ValueError(f"mesh VAE-GAN {ends}levels: need one for each of {ends}widths, none falling")
+from models.mesh_convolution import SparseOperator, scaled_laplacian
+from models.mesh_vae_gan_blocks import Condition, Discriminator, Encoder, Generator, flat, unflat
+from models.mesh_vae_gan_config import POSES, MeshVaeGanConfig
 
 
 class MeshVaeGan(nn.Module):
@@ -125,11 +62,11 @@ class MeshVaeGan(nn.Module):
             return laplacians[level]
 
         if config.conditional:
-            self.condition = _Condition(features, len(config.types), config)
-        self.encoder = _Encoder(config, hierarchy, laplacian)
-        self.generator = _Generator(config, hierarchy, laplacian, config.latent + code)
+            self.condition = Condition(features, len(config.types), config)
+        self.encoder = Encoder(config, hierarchy, laplacian)
+        self.generator = Generator(config, hierarchy, laplacian, config.latent + code)
         if config.discriminator != "none":
-            self.discriminator = _Discriminator(config, hierarchy, laplacian, code)
+            self.discriminator = Discriminator(config, hierarchy, laplacian, code)
         self.register_buffer("rest", torch.as_tensor(np.asarray(rest, dtype=np.float32)))
         self.register_buffer("faces", torch.as_tensor(hierarchy.faces[0].astype(np.int64)))
         self.register_buffer("mean", torch.zeros(count, 3))
@@ -169,8 +106,8 @@ class MeshVaeGan(nn.Module):
         """Mean and log variance [N, L] of z for features [A, N, 3] in network units."""
         if self.config.kind != "anchored":
             return self.encoder(features)
-        rest = _flat(features) - self._regressed(pose, types)
-        mean, spread = self.encoder(_unflat(rest, features))
+        rest = flat(features) - self._regressed(pose, types)
+        mean, spread = self.encoder(unflat(rest, features))
         return self._linear_code(rest, types) + mean, spread
 
     def decode(self, z: Tensor, pose: Tensor, types: Tensor) -> Tensor:
@@ -183,7 +120,7 @@ class MeshVaeGan(nn.Module):
             return learned
         own = (types[:, :, None] * z[:, None, :]).flatten(1)  # z in the rows of the frame's type, between two in both
         linear = self._regressed(pose, types) + own @ self.bases.flatten(0, 1)
-        return _unflat(linear, learned) + learned
+        return unflat(linear, learned) + learned
 
     def verdict(self, features: Tensor, pose: Tensor, types: Tensor) -> Tensor:
         """The discriminator's logits, patches by frames, of features [A, N, 3]; positive = real."""
@@ -247,90 +184,6 @@ class MeshVaeGan(nn.Module):
     """Number of vertices of the whole body; set by whoever builds the network for one."""
 
 
-class _Condition(nn.Module):
-    """Pose and type, each compressed by a small dense network (Ma 2019, "condition module")."""
-
-    def __init__(self, features: int, types: int, config: MeshVaeGanConfig) -> None:
-        super().__init__()
-        self.pose = nn.Sequential(nn.Linear(features, 64), nn.LeakyReLU(SLOPE), nn.Linear(64, config.pose_code))
-        self.kind = nn.Linear(types, config.type_code)
-
-    def forward(self, pose: Tensor, types: Tensor) -> Tensor:
-        return torch.cat([self.pose(pose), self.kind(types)], dim=1)
-
-
-class _Encoder(nn.Module):
-    def __init__(self, config: MeshVaeGanConfig, hierarchy: MeshHierarchy, laplacian) -> None:
-        super().__init__()
-        self.moves, self.blocks = nn.ModuleList(), nn.ModuleList()
-        level, width = 0, 3
-        for wanted, outputs in zip(config.levels, config.widths, strict=True):
-            self.moves.append(_move(hierarchy, level, wanted))
-            self.blocks.append(MeshBlock(laplacian(wanted), width, outputs, config.order, config.residual))
-            level, width = wanted, outputs
-        # A last step down keeps the dense layer small where the blocks stay on fine levels.
-        self.inputs = len(hierarchy.levels[level]) * width
-        self.dense = nn.Linear(self.inputs, 2 * config.latent)
-        _quiet(self.dense, config)
-
-    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        for move, block in zip(self.moves, self.blocks, strict=True):
-            features = block(move(features))
-        mean, spread = self.dense(_flat(features)).chunk(2, dim=1)
-        return mean, spread.clamp(*LOG_VARIANCE)
-
-
-class _Generator(nn.Module):
-    def __init__(self, config: MeshVaeGanConfig, hierarchy: MeshHierarchy, laplacian, inputs: int) -> None:
-        super().__init__()
-        self.count, self.width = len(hierarchy.levels[config.levels[-1]]), config.widths[-1]
-        self.dense = nn.Linear(inputs, self.count * self.width)
-        self.moves, self.blocks = nn.ModuleList(), nn.ModuleList()
-        widths = [*config.widths[::-1][1:], config.widths[0]]
-        levels = [*config.levels[::-1][1:], 0]
-        width, level = self.width, config.levels[-1]
-        for outputs, above in zip(widths, levels, strict=True):
-            self.blocks.append(MeshBlock(laplacian(level), width, outputs, config.order, config.residual))
-            self.moves.append(_move(hierarchy, level, above))
-            width, level = outputs, above
-        self.last = ChebyshevConvolution(laplacian(0), width, 3, config.order)
-        if config.kind == "anchored":
-            nn.init.zeros_(self.last.weight)
-
-    def forward(self, code: Tensor) -> Tensor:
-        features = self.dense(code).view(len(code), self.count, self.width).transpose(0, 1).contiguous()
-        features = nn.functional.leaky_relu(features, SLOPE)
-        for move, block in zip(self.moves, self.blocks, strict=True):
-            features = move(block(features))
-        return self.last(features)
-
-
-class _Discriminator(nn.Module):
-    """Convolution and down-sampling repeated; every vertex of the last level gives a verdict on its patch."""
-
-    def __init__(self, config: MeshVaeGanConfig, hierarchy: MeshHierarchy, laplacian, code: int) -> None:
-        super().__init__()
-        self.moves, self.layers = nn.ModuleList(), nn.ModuleList()
-        level, width = 0, 3
-        for wanted, outputs in zip(config.discriminator_levels, config.discriminator_widths, strict=True):
-            self.moves.append(_move(hierarchy, level, wanted))
-            self.layers.append(ChebyshevConvolution(laplacian(wanted), width, outputs, config.order))
-            level, width = wanted, outputs
-        # The condition is the same at every vertex: as channels of the input it would only add to the first layer.
-        self.condition = nn.Linear(code, config.discriminator_widths[0]) if code else None
-        self.last = ChebyshevConvolution(laplacian(level), width, 1, config.order)
-        self.whole = nn.Linear(len(hierarchy.levels[level]), 1) if config.discriminator == "global" else None
-
-    def forward(self, features: Tensor, code: Tensor | None) -> Tensor:
-        for number, (move, layer) in enumerate(zip(self.moves, self.layers, strict=True)):
-            features = layer(move(features))
-            if number == 0 and code is not None:
-                features = features + self.condition(code)
-            features = nn.functional.leaky_relu(features, SLOPE)
-        patches = self.last(features)[..., 0]
-        return patches if self.whole is None else self.whole(patches.T).T
-
-
 def pose_features(pose: np.ndarray, kind: str) -> np.ndarray:
     """What the condition is told of poses [N, 24, 3] [rad], shape [N, ``POSES[kind]``] float32.
 
@@ -376,26 +229,3 @@ def hierarchy_tensors(hierarchy: MeshHierarchy) -> dict[str, Tensor]:
         for name in ("data", "indices", "indptr"):
             tensors[f"up_{k}_{name}"] = torch.as_tensor(getattr(matrix, name))
     return tensors
-
-
-def _move(hierarchy: MeshHierarchy, start: int, end: int) -> nn.Module:
-    return nn.Identity() if start == end else SparseOperator(hierarchy.between(start, end))
-
-
-def _quiet(dense: nn.Linear, config: MeshVaeGanConfig) -> None:
-    """Begin with little noise on z; beside principal components, with no word on its mean."""
-    with torch.no_grad():
-        dense.weight[config.latent :] = 0.0
-        dense.bias[config.latent :] = QUIET
-        if config.kind == "anchored":
-            dense.weight[: config.latent] = 0.0
-            dense.bias[: config.latent] = 0.0
-
-
-def _flat(features: Tensor) -> Tensor:
-    """[A, N, C] as [N, A * C]."""
-    return features.transpose(0, 1).flatten(1)
-
-
-def _unflat(flat: Tensor, like: Tensor) -> Tensor:
-    return flat.view(len(flat), len(like), -1).transpose(0, 1)
