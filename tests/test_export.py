@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import resource
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -44,10 +46,30 @@ def disk_with(free: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
+@contextmanager
+def small_disk(folder: Path, size: int) -> Iterator[Path]:
+    """A folder that is a disk of ``size`` bytes; skips the test where none may be mounted."""
+    folder.mkdir()
+    if (
+        shutil.which("mount") is None
+        or subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", folder], capture_output=True
+        ).returncode
+    ):
+        pytest.skip("no disk can be mounted here")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", folder], check=True)
+
+
+LEFT = r"could not be written \(.+\); nothing of it was left behind"
+
+
 @pytest.mark.parametrize("kind", FORMATS)
 def test_a_full_disk_leaves_nothing_and_loses_nothing(tmp_path: Path, animation: Animation, kind: str) -> None:
     animation = cut(animation, 4)
-    with disk_with(2000), pytest.raises(OSError, match=r"could not be written \(.+\); nothing of it was left behind"):
+    with disk_with(2000), pytest.raises(OSError, match=LEFT):
         save_animation(tmp_path / f"a.{kind}", animation)
     assert list(tmp_path.iterdir()) == []
     before = save_animation(tmp_path / f"a.{kind}", animation)
@@ -57,8 +79,29 @@ def test_a_full_disk_leaves_nothing_and_loses_nothing(tmp_path: Path, animation:
     assert list(tmp_path.iterdir()) == [before] and contents(before) == kept
 
 
-@pytest.mark.parametrize("kind", ["usdc", "h5", "pc2", "glb"])
-def test_a_disk_that_fills_up_on_the_way_leaves_nothing(tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize("kind", FORMATS)
+def test_a_disk_that_fills_up_on_the_way_leaves_nothing_and_loses_nothing(
+    tmp_path: Path, animation: Animation, kind: str
+) -> None:
+    """A real disk without room for more than a part: what a write says then is ENOSPC."""
+    animation = cut(animation, 4)
+    whole = save_animation(tmp_path / f"whole.{kind}", animation)
+    # Pages of 4 kB are taken whole, so a format that packs as small as that needs the more that is missing.
+    pages = sum(-(-len(content) // 4096) for content in contents(whole).values())
+    with small_disk(tmp_path / "disk", 4096 * (pages + max(1, pages // 2))) as disk:
+        before = save_animation(disk / f"a.{kind}", animation)
+        kept = contents(before)
+        with pytest.raises(OSError, match=LEFT):
+            save_animation(disk / f"a.{kind}", animation, force=True)
+        assert list(disk.iterdir()) == [before] and contents(before) == kept
+        with pytest.raises(OSError, match=LEFT) as stopped:
+            save_animation(disk / f"b.{kind}", animation)
+        assert list(disk.iterdir()) == [before] and contents(before) == kept
+        assert re.search("no space left on device|is the disk full", str(stopped.value)), stopped.value
+
+
+@pytest.mark.parametrize("kind", ["usdc", "usda", "h5", "pc2", "glb"])
+def test_a_file_that_cannot_grow_on_the_way_leaves_nothing(tmp_path: Path, kind: str) -> None:
     long = Animation((AnimatedMesh("skirt", tube()[1], moving(700)),), FPS)
     whole = save_animation(tmp_path / f"whole.{kind}", long)
     size = max(len(content) for content in contents(whole).values())
@@ -222,6 +265,20 @@ def test_the_command_as_a_user_runs_it(tmp_path: Path, shard: Path) -> None:
         [*command, "--sequence", "run", "--out", str(shard / "x")], capture_output=True, text=True, env=os.environ
     )
     assert failed.returncode == 1 and "could not be written" in failed.stderr and "Traceback" not in failed.stderr
+
+
+def test_the_command_on_a_full_disk_says_one_sentence_and_keeps_what_is_whole(
+    tmp_path: Path, shard: Path, capsys: pytest.CaptureFixture
+) -> None:
+    one = ["--shard", str(shard), "--sequence", "run", "--out", str(tmp_path), "--force"]
+    export_main([*one, "--format", "h5,obj"])
+    kept = {path: contents(path) for path in tmp_path.iterdir()}
+    assert len(kept) == 2
+    for kind in ("h5", "obj"):
+        with disk_with(2000), pytest.raises(SystemExit) as stopped:
+            export_main([*one, "--format", kind])
+        assert re.fullmatch(r"\[export\] error: .*/skirt_run_1(\.h5|_obj) " + LEFT, str(stopped.value))
+    assert {path: contents(path) for path in tmp_path.iterdir()} == kept
 
 
 def test_dressed_names_and_colours_its_meshes(animation: Animation) -> None:
