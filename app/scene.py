@@ -13,6 +13,7 @@ import numpy as np
 import viser
 
 from app.frames import Look
+from geometry.topology import vertex_normals
 from report.colours import BODY, GARMENT_COLOURS
 
 BACKGROUND = (246, 244, 241)
@@ -23,6 +24,8 @@ _EYE, _LOOK_AT = np.array([1.5, 1.5, 4.3]), np.array([0.0, 0.92, 0.0])
 _BEHIND = 1.0
 """How far behind the body they stand [m]."""
 _INSIDE, _TAKEN_OUT = (214, 24, 62), (240, 150, 40)
+_LIFT = 0.006
+"""How far over the cloth marks of its vertices are [m]: what lies in it is half hidden by it."""
 _FIELD = np.deg2rad(28.0)
 
 
@@ -105,7 +108,8 @@ class Scene:
             self._body.vertices, self._garment.vertices = look.body, look.garment
             shown = self.highlight and len(look.inside) > 0
             if shown:
-                self._inside.points = look.garment[look.inside]
+                normals = vertex_normals(look.garment, self._faces)[look.inside]
+                self._inside.points = look.garment[look.inside] + (_LIFT * normals).astype(np.float32)
                 self._inside.colors = np.array(_TAKEN_OUT if refined else _INSIDE, dtype=np.uint8)
             self._inside.visible = shown
             # What is inside the body is seen through it.

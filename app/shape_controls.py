@@ -22,7 +22,14 @@ CANDIDATES = len(CANDIDATE_PLACES)
 _STEPS = 100
 """Of a slider, from one end of what the model was trained on to the other."""
 
-_GROUPS = {"material": "Material", "environment": "Surroundings", "simulator": "Simulation"}
+_WHOLE = str.maketrans({" ": "\u00a0", "/": "\u2215", "-": "\u2212", ".": "\u2024"})
+"""Labels are broken after these letters; a number and its unit stay on one line with others that look like them."""
+
+_GROUPS = {
+    "material": "Intrinsic parameters: material",
+    "environment": "Intrinsic parameters: surroundings",
+    "simulator": "Intrinsic parameters: simulation",
+}
 
 
 class ShapeControls:
@@ -45,7 +52,7 @@ class ShapeControls:
             self._sample = gui.add_button(f"Show {CANDIDATES} candidates", icon=viser.Icon.SPARKLES, hint="Key C")
             self._take = gui.add_button_group("Take", ("-",), visible=False)
             self._away = gui.add_button("Send them away", color="gray", visible=False)
-        self._holder = gui.add_folder("Intrinsic parameters")
+        self._holder = gui.add_folder(None)
         with gui.add_folder("Mesh", expand_by_default=False):
             gui.add_markdown(
                 "The garment's own mesh, moved in another program: OBJ or PLY, in metres, y up, on the body as it "
@@ -145,7 +152,8 @@ class ShapeControls:
 
     @staticmethod
     def _label(name: str, value: float) -> str:
-        return f"{name.replace('_', ' ')} {_short(value)} {_unit(parameter(name).unit)}".rstrip()
+        quantity = f"{_short(value)} {_unit(parameter(name).unit)}".rstrip()
+        return f"{name.replace('_', ' ')} {quantity.translate(_WHOLE)}"
 
 
 def _short(value: float) -> str:

@@ -39,7 +39,7 @@ class UndoControls:
         buttons = gui.add_button_group(
             "Edits", (UNDO, REDO), hint="Ctrl+Z takes an edit back, Ctrl+Shift+Z makes it again"
         )
-        self._told = gui.add_markdown("", visible=False)
+        self._told = gui.add_markdown("")
         buttons.on_click(window.guarded(lambda event: window.step_back(event.target.value == UNDO)))
         ctrl, icon = "cmd/ctrl", viser.Icon
         self._key("Undo", "Z", ctrl, icon.ARROW_BACK_UP, lambda: window.step_back(True))
@@ -54,7 +54,7 @@ class UndoControls:
         """Say what can be undone and redone."""
         session = self.window.session
         told = [f"{what}: {plain(name)}" for what, name in ((UNDO, session.undoable), (REDO, session.redoable)) if name]
-        self._told.content, self._told.visible = " · ".join(told), bool(told)
+        self._told.content = " · ".join(told) or "No edits yet."
 
     def _key(self, label: str, key: str, modifier: str | None, icon: str, work: object) -> None:
         command = self.window.server.gui.add_command(label, hotkey=key, modifier=modifier, icon=icon)

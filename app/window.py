@@ -19,7 +19,7 @@ import viser
 from app.body_controls import BodyControls
 from app.export_controls import ExportControls
 from app.garment_controls import GarmentControls
-from app.keyframe_controls import KeyframeControls
+from app.keyframe_controls import KeyframeControls, KeyframeList
 from app.motion_controls import MotionControls
 from app.player import Player
 from app.redo import Redo
@@ -60,6 +60,7 @@ class Window:
             self.garments = GarmentControls(self)
             self.keys = KeyframeControls(self)
             self.shapes = ShapeControls(self)
+            self.key_list = KeyframeList(self)
         with tabs.add_tab("Body", viser.Icon.USER):
             self.body = BodyControls(self)
         with tabs.add_tab("Motion", viser.Icon.WALK):
@@ -98,8 +99,7 @@ class Window:
         if frame != self.frame:
             self.scene.clear_candidates()
         self.show(frame)
-        self.shapes.at(self.frame)
-        self.keys.at(self.frame)
+        self._at()
 
     def edited(self, dragged: str | None = None, body_dragged: bool = False) -> None:
         """After an edit: show it on the present frame, then make all others again.
@@ -111,9 +111,8 @@ class Window:
         self.show()
         self.redo.ask()
         self.timeline.marks()
-        self.keys.list()
-        self.keys.at(self.frame)
-        self.shapes.at(self.frame, dragged)
+        self.key_list.follow()
+        self._at(dragged)
         self.body.follow(body_dragged)
         self.undo.follow()
 
@@ -190,6 +189,12 @@ class Window:
             self.scene.dress(session.garment, session.faces, session.run.body.faces, session.look(self.frame))
             self.shapes.build()
             self._dressed = session.garment
+
+    def _at(self, dragged: str | None = None) -> None:
+        """What there is and can be done at the frame that is shown."""
+        self.keys.at(self.frame)
+        self.key_list.at(self.frame)
+        self.shapes.at(self.frame, dragged)
 
     def _advance(self, steps: int) -> None:
         self.show((self.frame + steps) % self.session.frames)

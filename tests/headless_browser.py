@@ -100,6 +100,29 @@ class Page:
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
+    def press(self, key: str, ctrl: bool = False, shift: bool = False) -> None:
+        """Press a key, such as "z" or "Delete", with what else is held."""
+        code = f"Key{key.upper()}" if len(key) == 1 else key
+        held: dict[str, Any] = {"key": key, "code": code, "modifiers": 2 * ctrl + 8 * shift}
+        if len(key) == 1:
+            held["windowsVirtualKeyCode"] = ord(key.upper())
+        for kind in ("rawKeyDown", "keyUp"):
+            self.call("Input.dispatchKeyEvent", type=kind, **held)
+
+    def enter(self, label: str, text: str) -> None:
+        """Type into the field beside a label, which its beginning names, in place of what is there."""
+        find = (
+            f"(() => {{ const label = {json.dumps(label)}, seen = e => e.offsetParent !== null; "
+            "let e = [...document.querySelectorAll('label, div, p')].filter(seen).reverse()"
+            ".find(e => (e.innerText || '').trim().startsWith(label) && !e.querySelector('input')); "
+            "while (e && !e.querySelector('input:not([type=hidden])')) e = e.parentElement; if (!e) return false; "
+            "const field = e.querySelector('input:not([type=hidden])'); field.scrollIntoView({block: 'center'}); "
+            "field.focus(); field.select(); return document.activeElement === field; })()"
+        )
+        wait_until(lambda: self.value(find), lambda: f"a field {label!r}; the page says {self.text()[:2000]!r}")
+        self.call("Input.insertText", text=text)
+        self.value("document.activeElement.blur()")
+
     def choose_file(self, accepts: str, path: str) -> None:
         """Give a file to the file input that accepts these endings."""
         root = self.call("DOM.getDocument", depth=0)["root"]["nodeId"]

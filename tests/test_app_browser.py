@@ -1,4 +1,5 @@
-"""The app from end to end, in a real browser: load, play, a keyframe, another shape, a bad file, export, reload."""
+"""The app from end to end, in a real browser: load, play, a keyframe, another shape, undo, a body, a bad file, export,
+reload."""
 
 from __future__ import annotations
 
@@ -91,6 +92,27 @@ def test_a_garment_is_authored_in_the_browser(window, tmp_path):
         wait_until(lambda: window.scene.candidates == 0, "the candidates to go")
         wait_until(lambda: "Send them away" not in page.text(), "the page to know it")
         candidate = _seen(page)
+
+        # Taken back by the button, and made again by the keys; both are seen.
+        page.click("Undo")
+        page.wait_for("keyframe: material")
+        np.testing.assert_allclose(session.look(LAST).garment, garment, atol=1e-6)
+        page.press("z", ctrl=True, shift=True)
+        page.wait_for("keyframe: candidate 2")
+        page.press("z", ctrl=True)
+        page.wait_for("keyframe: material")
+        page.press("y", ctrl=True)
+        page.wait_for("keyframe: candidate 2")
+
+        # Another body, under the same keyframes, and back.
+        page.click("Body")
+        page.enter("1 taller", "2")
+        wait_until(lambda: session.shape[0] == 2.0, "the other body")
+        page.wait_for("Undo: body shape")
+        wait_until(lambda: _difference(candidate, _seen(page)) > 0.5, "the body to look taller")
+        page.press("z", ctrl=True)
+        wait_until(lambda: session.shape[0] == 0.0, "the own body again")
+        page.click("Shape")
 
         # A file that is no mesh is refused in one sentence; the garment's own mesh becomes the shape that is seen.
         bad = tmp_path / "bad.obj"
