@@ -14,7 +14,7 @@ from garments.shirt import trunk_grid
 from garments.skirt import ANGLES_AROUND, RING_STEP, skirt_radius
 from garments.spec import GarmentSpec
 from garments.surface import DenseSurface
-from garments.trunk import arm_openings, bridged_below_neck, cut_at_arms_and_neck, trunk_gap
+from garments.trunk import arm_openings, bridged_below_neck, cut_at_arms_and_neck, hem_height, trunk_gap
 
 BLEND = 0.03
 """Height above and below the waist over which the trunk becomes a skirt [m]."""
@@ -26,14 +26,7 @@ OVER_WAIST = 0.06
 def dress_surface(spec: GarmentSpec, marks: Landmarks, edge: float) -> DenseSurface:
     """Dense surface of a dress; ``ValueError`` if hem or sleeves leave the part of this body they can cover."""
     neck = marks.joints[NECK, 1]
-    length = spec.measure("length", neck - marks.knee)
-    shortest, longest = neck - marks.crotch, neck - marks.ankle
-    if not shortest <= length <= longest:
-        raise ValueError(
-            f"garment '{spec.name}': 'length' {length:.3f} m must put the hem between crotch and ankles, on this body "
-            f"{shortest:.3f}..{longest:.3f} m"
-        )
-    hem = neck - length
+    hem = hem_height(spec, marks, neck - marks.knee, neck - marks.crotch, neck - marks.ankle)
     sag = triangle_sag(edge)
     ease, flare, close = spec.measure("ease") + sag, spec.measure("flare"), spec.measure("close")
     arms = arm_openings(spec, marks, ease)

@@ -15,7 +15,7 @@ from garments.pants import CROTCH_EASE, bridged_above_crotch, gap_of_legs, slot
 from garments.shirt import trunk_grid
 from garments.spec import GarmentSpec
 from garments.surface import DenseSurface
-from garments.trunk import arm_openings, bridged_below_neck, cut_at_arms_and_neck, trunk_gap
+from garments.trunk import arm_openings, bridged_below_neck, cut_at_arms_and_neck, hem_height, trunk_gap
 
 CROTCH_DROP = 0.04
 """Height of the room under the body's crotch [m]."""
@@ -24,14 +24,8 @@ CROTCH_DROP = 0.04
 def jumpsuit_surface(spec: GarmentSpec, marks: Landmarks, edge: float) -> DenseSurface:
     """Dense surface of a jumpsuit; ``ValueError`` if hem or sleeves leave the part of this body they can cover."""
     neck, crotch = marks.joints[NECK, 1], marks.crotch - CROTCH_DROP
-    length = spec.measure("length", neck - marks.ankle - 0.04)
-    shortest, longest = neck - crotch + 0.08, neck - marks.ankle - 0.02
-    if not shortest <= length <= longest:
-        raise ValueError(
-            f"garment '{spec.name}': 'length' {length:.3f} m must put the hem between crotch and ankles, on this body "
-            f"{shortest:.3f}..{longest:.3f} m"
-        )
-    hem = neck - length
+    usual = neck - marks.ankle - 0.04
+    hem = hem_height(spec, marks, usual, neck - crotch + 0.08, usual + 0.02)
     sag = triangle_sag(edge)
     ease, flare, close = spec.measure("ease") + sag, spec.measure("flare"), spec.measure("close")
     arms = arm_openings(spec, marks, ease)

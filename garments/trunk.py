@@ -49,6 +49,23 @@ def bridged_below_neck(y: np.ndarray, marks: Landmarks) -> np.ndarray:
     return smooth_step((marks.joints[NECK, 1] - 0.01 - y) / 0.10)
 
 
+def hem_height(spec: GarmentSpec, marks: Landmarks, usual: float, shortest: float, longest: float) -> float:
+    """Height of the hem [m] by the measure ``length``, neck joint to hem, of a garment that ends on the legs.
+
+    Args:
+        spec, marks: The garment and the body's landmarks.
+        usual: Length where none is given [m].
+        shortest, longest: Lengths that this garment can have on this body [m]; beyond them ``ValueError``.
+    """
+    length = spec.measure("length", usual)
+    if not shortest <= length <= longest:
+        raise ValueError(
+            f"garment '{spec.name}': 'length' {length:.3f} m must put the hem between crotch and ankles, on this body "
+            f"{shortest:.3f}..{longest:.3f} m"
+        )
+    return marks.joints[NECK, 1] - length
+
+
 def arm_openings(spec: GarmentSpec, marks: Landmarks, ease: float) -> list[Sleeve | Armhole]:
     """Where the left and the right arm come out: sleeves, or armholes where the garment has none.
 
