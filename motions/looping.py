@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from body.model import Body
 from motions.chain import chain
 from motions.clip import Clip
+from motions.planting import plant_feet
 from motions.timing import rotation_about
 
 TOLERANCE = 0.02
@@ -64,14 +65,16 @@ def best_loop(clip: Clip, body: Body, shortest: int) -> LoopStretch | None:
     return best
 
 
-def closed(clip: Clip, overlap: int) -> Clip:
+def closed(clip: Clip, overlap: int, body: Body) -> Clip:
     """A loop made of a clip that is none: its end fades into its own beginning.
 
-    The clip is laid behind itself, turned and moved to where it arrives, and one round is taken out of the middle.
+    The clip is laid behind itself, turned and moved to where it arrives, and one round is taken out of the middle. A
+    fade makes feet slide, so they are planted (``motions.planting``).
 
     Args:
         clip: Of more than two overlaps.
         overlap: Frames of the fade, by which the loop is shorter than the clip.
+        body: Body that moves.
 
     Raises:
         ValueError: The clip is too short.
@@ -81,7 +84,7 @@ def closed(clip: Clip, overlap: int) -> Clip:
             f"motion '{clip.name}' has {clip.frames} frames; to be closed over {overlap} it needs {2 * overlap + 2}"
         )
     period = clip.frames - overlap
-    pose, root = chain([(clip.pose, clip.root)] * 3, overlap)
+    pose, root = plant_feet(*chain([(clip.pose, clip.root)] * 3, overlap), body, clip.fps)
     round_ = slice(period, 2 * period + 1)
     return exact_loop(replace(clip, pose=pose[round_], root=root[round_]))
 

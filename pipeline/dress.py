@@ -21,6 +21,9 @@ from runtime.dressing import dress, simulate
 
 LEARNED, XPBD = "learned", "xpbd"
 
+UNLIKE = 0.08
+"""Share of vertices inside the body before refinement, from which on the user is told of the simulator [1]."""
+
 
 def define(parser: argparse.ArgumentParser) -> None:
     """Options of the command."""
@@ -51,7 +54,13 @@ def dress_file(options: argparse.Namespace) -> None:
     clip = replace(clip, pose=clip.pose[part], root=clip.root[part])
     paths = output.paths(name)
     dressed = dress(clip, wearing, not options.no_refine) if learned else simulate(clip, wearing)
-    print(f"[dress] {name}: {clip.frames} frames, {dressed.inside_after} vertices inside the body")
+    found = f"{dressed.inside_after} vertices inside the body"
+    if learned:
+        before = f"{100.0 * dressed.inside:.2f}% of the vertices inside the body before refinement"
+        found = f"{before}, {dressed.inside_after} left"
+    print(f"[dress] {name}: {clip.frames} frames, {found}")
+    if learned and dressed.inside > UNLIKE:
+        print("[dress] this motion is unlike those that the network learned from; --solver xpbd simulates it")
     output.write(replace(dressed.animation, name=name), paths)
 
 

@@ -12,9 +12,11 @@ with --shape the garment is graded to another body. No vertex is inside the body
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 
 import torch
 
+from formats.animation import plain_name
 from pipeline.command import Output, add_output, add_wearing, asked_garment, asked_wearing, run_command
 from runtime.dressing import Wearing, dress
 from runtime.motion_making import generated_clip
@@ -46,10 +48,10 @@ def generate(options: argparse.Namespace) -> None:
         raise ValueError("--sample-material and --set exclude each other")
     run, wearing = garment.run, asked_wearing(options, garment, learned=True)
     run.generator.label_numbers(wanted)
-    names = [f"{garment.name}_{'_'.join(wanted)}_{options.seed + number:04d}" for number in range(options.count)]
-    paths = {name: output.paths(name) for name in names}
-    for number, name in enumerate(names):
-        seed = options.seed + number
+    seeds = range(options.seed, options.seed + options.count)
+    names = {seed: f"{garment.name}_{'_'.join(wanted)}_{seed:04d}" for seed in seeds}
+    paths = {seed: output.paths(name) for seed, name in names.items()}
+    for seed, name in names.items():
         clip = generated_clip(
             run.generator,
             wanted,
@@ -58,7 +60,7 @@ def generate(options: argparse.Namespace) -> None:
             run.fps,
             run.body,
             torch.Generator().manual_seed(seed),
-            name,
+            f"{'_'.join(wanted)}_{seed:04d}",
         )
         worn = wearing
         if options.sample_material:
@@ -66,7 +68,7 @@ def generate(options: argparse.Namespace) -> None:
         dressed = dress(clip, worn, refine=not options.no_refine)
         left = f"{100.0 * dressed.inside:.2f}% of the vertices inside the body"
         print(f"[generate] {name}: {clip.frames} frames, {left} before refinement, {dressed.inside_after} left")
-        output.write(dressed.animation, paths[name])
+        output.write(replace(dressed.animation, name=plain_name(name)), paths[seed])
 
 
 def main(given: list[str] | None = None) -> None:

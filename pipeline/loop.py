@@ -1,7 +1,7 @@
 """Make an exact garment loop: the last frame is the first one, in body and garment.
 
     python -m pipeline.loop --garment skirt --motion cycle.bvh --format glb
-    python -m pipeline.loop --garment skirt --motion walk --first 18 --frames 30 --tolerance 0.04 --set bend=8e-5
+    python -m pipeline.loop --garment skirt --motion walk.bvh --first 89 --frames 66 --tolerance 0.04 --set bend=8e-5
     python -m pipeline.loop --garment tshirt --motion wave-both --close --candidate 0:3 --candidate 30:4
 
 The same motion gives the same garment, so a motion that loops gives a garment that does (Wang 2019): what came before
@@ -11,7 +11,7 @@ last comes the first.
 
 A motion loops where every joint ends within --tolerance of where it began, the body brought back to its place and
 heading; what is left is spread over all frames. One that does not is refused, and the stretch of it that comes nearest
-is named; --close makes a loop of it, whose end fades into its beginning, by that time shorter.
+is named; --close makes a loop of it, whose end fades into its beginning, by that time shorter, with planted feet.
 """
 
 from __future__ import annotations
@@ -50,8 +50,15 @@ def define(parser: argparse.ArgumentParser) -> None:
     add_output(parser)
 
 
-def looping(clip: Clip, run: FinishedRun, tolerance: float, close: float | None) -> Clip:
+def looping(clip: Clip, run: FinishedRun, tolerance: float, close: float | None, first: int = 0) -> Clip:
     """The clip as a loop of the run's body.
+
+    Args:
+        clip: The motion.
+        run: Whose body makes it.
+        tolerance: How far a joint may end from where it began [m].
+        close: Seconds in which one that does not loop fades into its beginning; None where it is not to be closed.
+        first: Number that the clip's first frame has for the user.
 
     Raises:
         ValueError: It does not loop and is not to be closed; or it is too short to be.
@@ -61,13 +68,17 @@ def looping(clip: Clip, run: FinishedRun, tolerance: float, close: float | None)
     if close is not None:
         if not 0.0 < close <= 10.0:
             raise ValueError(f"--close {close:g}: allowed are more than 0 and at most 10 s")
-        return closed(clip, max(1, round(close * clip.fps)))
+        return closed(clip, max(1, round(close * clip.fps)), run.body)
     gap = loop_gap(clip, run.body)
     if gap > tolerance:
         best = best_loop(clip, run.body, max(2, round(SHORTEST * clip.fps)))
         nearest = ""
         if best is not None:
-            nearest = f"; nearest are its frames {best.first} to {best.last}, {1e3 * best.gap:.0f} mm apart"
+            start, count = first + best.first, best.last - best.first + 1
+            nearest = (
+                f"; nearest are its frames {start} to {first + best.last}, {1e3 * best.gap:.0f} mm apart "
+                f"(--first {start} --frames {count})"
+            )
         raise ValueError(
             f"motion '{clip.name}' does not loop: a joint of its last frame is {1e3 * gap:.0f} mm from where the first "
             f"has it, at most {1e3 * tolerance:.0f} mm are allowed{nearest}; --close makes a loop of it"
@@ -78,7 +89,8 @@ def looping(clip: Clip, run: FinishedRun, tolerance: float, close: float | None)
 def loop(options: argparse.Namespace) -> None:
     """Read, close, compose, write; nothing is written if anything asked for is wrong."""
     output, garment = Output.asked(options), asked_garment(options)
-    clip = looping(asked_clip(options, garment.run), garment.run, options.tolerance, options.close)
+    clip = asked_clip(options, garment.run)
+    clip = looping(clip, garment.run, options.tolerance, options.close, options.first)
     compose_and_write("loop", options, output, garment, clip, "loop", loop=True)
 
 

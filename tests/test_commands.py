@@ -36,6 +36,7 @@ def vertices_inside(animation: Animation) -> int:
 
 def test_a_label_becomes_a_clothed_animation_without_collisions(run, tmp_path):
     animation = made(run, tmp_path, "--label", "walk")
+    assert animation.name == "skirt_walk_0000" and animation.clip.name == "walk_0000"
     assert animation.clip.frames == 16 and animation.clip.label == "walk"
     assert animation.notes["solver"] == "learned" and animation.notes["parameter_density"] > 0.0
     assert vertices_inside(animation) == 0
@@ -73,13 +74,15 @@ def test_material_and_body_are_told(run, tmp_path):
 
 
 @pytest.mark.parametrize("solver", ["learned", "xpbd"])
-def test_a_motion_file_is_dressed(run, tmp_path, solver):
+def test_a_motion_file_is_dressed(run, tmp_path, solver, capsys):
     made(run, tmp_path / "motion", "--label", "walk")
     (motion,) = (tmp_path / "motion").glob("*.h5")
     given = ["--run", str(run), "--garment", "tshirt", "--motion", str(motion), "--solver", solver, "--frames", "9"]
     dress.main([*given, "--out", str(tmp_path / "worn"), "--format", "h5"])
     (path,) = (tmp_path / "worn").glob("*.h5")
     worn = load_animation(path)
+    said = capsys.readouterr().out.partition("[dress]")[2]
+    assert ("before refinement, 0 left" in said) == (solver == "learned")
     assert worn.clip.frames == 9 and worn.notes["solver"] == solver
     assert {mesh.name for mesh in worn.meshes} == {"tshirt", "body"}
 

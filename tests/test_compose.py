@@ -17,6 +17,7 @@ from models.intrinsic_fitting import load_motion_invariant
 from motions.clip import Clip
 from motions.looping import best_loop, closed, exact_loop, heading_joints, loop_gap, rounds_before
 from motions.procedural import generate_clip
+from motions.quality import measure
 from pipeline import compose, infer, loop, retarget
 from runtime import finished_run
 from runtime.asked_motion import asked_motion
@@ -100,12 +101,14 @@ def test_rounds_before_a_loop_lead_into_it(body):
 
 def test_a_closed_motion_loops_and_keeps_its_pace(body):
     clip = generate_clip("walk", 3, 60, 30.0, 1, body)
-    made = closed(clip, 10)
+    made = closed(clip, 10, body)
     assert made.frames == 51
     assert loop_gap(made, body) < 1e-4
     np.testing.assert_array_equal(made.pose[0, 1:], made.pose[-1, 1:])
     around = np.concatenate([made.pose[:-1, 1:], made.pose[:2, 1:]])
     assert np.abs(np.diff(around, axis=0))[-2:].max() < np.abs(np.diff(clip.pose[:, 1:], axis=0)).max() * 1.2
+    quality = measure(made, body)
+    assert quality.skate_m_s < 0.05 and quality.penetration_m < 1e-3, "where ends fade into each other too"
 
 
 def test_keyframes_are_read_from_a_file(tmp_path):
@@ -255,7 +258,10 @@ def test_a_loop_ends_as_it_began(run, tmp_path):
 
 
 def test_a_motion_that_does_not_loop_is_refused(run, tmp_path):
-    with pytest.raises(SystemExit, match=r"does not loop: .* mm are allowed; nearest are its frames .*--close makes"):
+    sentence = (
+        r"does not loop: .* mm are allowed; nearest are its frames (\d+) .* \(--first \1 --frames \d+\); --close makes"
+    )
+    with pytest.raises(SystemExit, match=sentence):
         made(loop, run, tmp_path, "--motion", "walk", "--frames", "40")
     assert not list(tmp_path.iterdir())
 
