@@ -14,6 +14,7 @@ them.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,18 +31,63 @@ if TYPE_CHECKING:
     from body.model import Body
 
 
-def displacement(template: GarmentTemplate, own: Body, other: Body) -> np.ndarray:
-    """How far each vertex of a garment moves as its body turns into another, before anything is lifted [m], [V, 3]."""
-    marks = find_landmarks(own)
-    moved = np.asarray(other.vertices, np.float64) - marks.vertices
-    vertices = template.vertices.astype(np.float64)
-    raw, reach = np.empty_like(vertices), np.empty(len(vertices))
-    for layer, kind in enumerate(template.worn_as):
-        mine = template.layer == layer
-        corners, barycentric = body_under(vertices[mine], marks, WORN_AS[kind].arms)
-        raw[mine] = np.einsum("vk,vkc->vc", barycentric, moved[corners])
-        reach[mine] = weight_reach(kind, vertices[mine], marks)
-    return smoothed(raw, vertices, template.faces, reach, template.pinned)
+class Grader:
+    """A garment on its own body, measured once and cut for any other shape of that body.
+
+    Args:
+        template: A garment on its own body.
+        own: That body, in the shape that the garment was made for.
+
+    Raises:
+        ValueError: The garment was made for another body.
+    """
+
+    def __init__(self, template: GarmentTemplate, own: Body) -> None:
+        if template.body_digest != own.digest:
+            raise _another_body(template, own, own)
+        self.template, self.own = template, own
+
+    def on(self, other: Body) -> GarmentTemplate:
+        """The garment cut for a body, on that body in its bind pose; as ``graded``."""
+        template, own = self.template, self.own
+        if own.digest != other.digest:
+            raise _another_body(template, own, other)
+        if np.allclose(own.vertices, other.vertices, rtol=0.0, atol=1e-6):
+            return template
+        vertices = template.vertices.astype(np.float64) + self.displacement(other)
+        # Smoothing takes ease from hollows: what had room keeps at least that of a garment that is built.
+        hits = closest_surface(vertices, other.vertices, other.faces)
+        wanted = np.minimum(self._gap, 2.0 * CLEARANCE)
+        short = hits.distance < wanted
+        vertices[short] = hits.point[short] + wanted[short, None] * hits.normal[short]
+        vertices = vertices.astype(np.float32)
+        check_uncrossed(f"garment '{template.name}', graded to another body", vertices, template.faces)
+        return replace(template, vertices=vertices)
+
+    def displacement(self, other: Body) -> np.ndarray:
+        """How far each vertex moves as its body turns into another, before anything is lifted [m], shape [V, 3]."""
+        template, (corners, barycentric, reach) = self.template, self._under
+        moved = np.asarray(other.vertices, np.float64) - np.asarray(self.own.vertices, np.float64)
+        raw = np.einsum("vk,vkc->vc", barycentric, moved[corners])
+        return smoothed(raw, template.vertices.astype(np.float64), template.faces, reach, template.pinned)
+
+    @cached_property
+    def _under(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Corners [V, 3] and weights [V, 3] of the body's triangle under each vertex; how far smoothing reaches [V]."""
+        marks = find_landmarks(self.own)
+        vertices = self.template.vertices.astype(np.float64)
+        corners = np.empty((len(vertices), 3), dtype=np.int64)
+        barycentric, reach = np.empty((len(vertices), 3)), np.empty(len(vertices))
+        for layer, kind in enumerate(self.template.worn_as):
+            mine = self.template.layer == layer
+            corners[mine], barycentric[mine] = body_under(vertices[mine], marks, WORN_AS[kind].arms)
+            reach[mine] = weight_reach(kind, vertices[mine], marks)
+        return corners, barycentric, reach
+
+    @cached_property
+    def _gap(self) -> np.ndarray:
+        """Between the own body and each vertex [m], shape [V]."""
+        return closest_surface(self.template.vertices, self.own.vertices, self.own.faces).distance
 
 
 def graded(template: GarmentTemplate, own: Body, other: Body) -> GarmentTemplate:
@@ -58,20 +104,13 @@ def graded(template: GarmentTemplate, own: Body, other: Body) -> GarmentTemplate
     Raises:
         ValueError: The bodies are not one body in two shapes, or the garment would pass through itself.
     """
-    if not template.body_digest == own.digest == other.digest:
-        raise ValueError(
-            f"garment '{template.name}': made for body {template.body_name} ({template.body_digest}), it cannot be "
-            f"graded from {own.name} ({own.digest}) to {other.name} ({other.digest}): they must be one body"
-        )
-    if np.allclose(own.vertices, other.vertices, rtol=0.0, atol=1e-6):
-        return template
-    gap = closest_surface(template.vertices, own.vertices, own.faces).distance
-    vertices = template.vertices.astype(np.float64) + displacement(template, own, other)
-    # Smoothing takes ease from hollows: what had room keeps at least that of a garment that is built.
-    hits = closest_surface(vertices, other.vertices, other.faces)
-    short = hits.distance < np.minimum(gap, 2.0 * CLEARANCE)
-    wanted = np.minimum(gap, 2.0 * CLEARANCE)[short, None]
-    vertices[short] = hits.point[short] + wanted * hits.normal[short]
-    vertices = vertices.astype(np.float32)
-    check_uncrossed(f"garment '{template.name}', graded to another body", vertices, template.faces)
-    return replace(template, vertices=vertices)
+    if template.body_digest != own.digest:
+        raise _another_body(template, own, other)
+    return Grader(template, own).on(other)
+
+
+def _another_body(template: GarmentTemplate, own: Body, other: Body) -> ValueError:
+    return ValueError(
+        f"garment '{template.name}': made for body {template.body_name} ({template.body_digest}), it cannot be "
+        f"graded from {own.name} ({own.digest}) to {other.name} ({other.digest}): they must be one body"
+    )

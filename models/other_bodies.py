@@ -19,7 +19,7 @@ import numpy as np
 
 from body.model import Body, apply_skin, skin_matrix
 from body.shapes import scaled_root
-from garments.grading import graded
+from garments.grading import Grader
 from garments.template import GarmentTemplate
 from models.motion_features import MotionTrack
 
@@ -33,14 +33,15 @@ class OtherBody:
         template: Garment made for ``own``.
         own: The body that regressors were trained on.
         other: The same body in another shape.
+        grader: The garment's, where there is one already.
 
     Raises:
         ValueError: They are not one body in two shapes, or the garment cannot be graded.
     """
 
-    def __init__(self, template: GarmentTemplate, own: Body, other: Body) -> None:
+    def __init__(self, template: GarmentTemplate, own: Body, other: Body, grader: Grader | None = None) -> None:
         self.own, self.other, self.template = own, other, template
-        self.rest = graded(template, own, other).vertices
+        self.rest = (grader or Grader(template, own)).on(other).vertices
 
     def own_track(self, track: MotionTrack) -> MotionTrack:
         """The motion of a track of the other body as the own body makes it."""

@@ -13,7 +13,6 @@ import numpy as np
 
 from body.model import Body
 from formats.animation import Animation, dressed, plain_name
-from garments.grading import graded
 from models.conditioned_regressor import Conditions
 from models.motion_features import MotionTrack
 from models.other_bodies import OtherBody
@@ -84,7 +83,7 @@ def dress(clip: Clip, wearing: Wearing, refine: bool = True) -> Dressed:
         raise ValueError(f"motion '{clip.name}' has {clip.fps:g} frames a second, {run.folder} has {run.fps:g}")
     worn = clip if wearing.shape is None else on_body(clip, run.body, body)
     track = clip_track(worn, body, run.lead_in)
-    other = None if wearing.shape is None else OtherBody(garment.template, run.body, body)
+    other = None if wearing.shape is None else OtherBody(garment.template, run.body, body, garment.grader)
     vertices = track.in_world(_canonical(track, wearing, other))
     body_vertices = body.posed(worn.pose, worn.root)
     refiner = garment.refiner(body)
@@ -109,7 +108,7 @@ def simulate(clip: Clip, wearing: Wearing, device: str = "auto") -> Dressed:
     if clip.fps != run.fps:
         raise ValueError(f"motion '{clip.name}' has {clip.fps:g} frames a second, {run.folder} has {run.fps:g}")
     worn = clip if wearing.shape is None else on_body(clip, run.body, body)
-    template = garment.template if wearing.shape is None else graded(garment.template, run.body, body)
+    template = garment.template if wearing.shape is None else garment.grader.on(body)
     solver = run.config["simulation"]
     settings = SimulationSettings(
         fps=run.fps, device=device, settle_seconds=solver["settle"], self_contact=solver["self_contact"]

@@ -18,6 +18,7 @@ import numpy as np
 
 from body.model import Body
 from datasets.codes import file_digest
+from garments.grading import Grader
 from garments.template import GarmentTemplate
 from models.conditioned_regressor import ConditionedRegressor, load_conditioned_regressor
 from models.garment_fitting import load_regressor
@@ -131,6 +132,11 @@ class LearnedGarment:
     def template(self) -> GarmentTemplate:
         """The garment at rest."""
         return GarmentTemplate.load(self.run._file("garments", f"{self.name}.npz"))
+
+    @cached_property
+    def grader(self) -> Grader:
+        """Cuts the garment for other shapes of the run's body."""
+        return Grader(self.template, self.run.body)
 
     @cached_property
     def regressor(self) -> Regressor:

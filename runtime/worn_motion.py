@@ -136,7 +136,9 @@ class WornMotion:
     @cached_property
     def _other(self) -> OtherBody | None:
         garment = self.space.garment
-        return None if self.shape is None else OtherBody(garment.template, garment.run.body, self.body)
+        if self.shape is None:
+            return None
+        return OtherBody(garment.template, garment.run.body, self.body, garment.grader)
 
     @cached_property
     def _pelvis(self) -> tuple[np.ndarray, np.ndarray]:

@@ -30,7 +30,7 @@ def network(body: Body, **changes):
 
 
 def wardrobe(body: Body, clips: int):
-    """Three tubes whose hems lag behind the pelvis by where it was two frames ago: linear in the motion of two frames."""
+    """Three tubes whose hems lag behind the pelvis: linear in the motion of two frames."""
     graphs = [GarmentGraph.of(tube(body, around, 5, name=str(around)), body) for around in (7, 9, 12)]
     return [example(body, graph, 100 * i + k) for i, graph in enumerate(graphs) for k in range(clips)]
 
