@@ -105,7 +105,8 @@ CAPTIONS: dict[str, Caption] = {
     "pictures_gsnet": Caption(
         "Unseen templates",
         "From left to right: simulated; GSNet and its error; the best of the baselines that dress any garment, and its "
-        "error. The frame is the one in which the simulated cloth is farthest from being skinned.",
+        "error; both as the networks leave them, before any vertex is brought out of the body. The frame is the one in "
+        "which the simulated cloth is farthest from being skinned.",
         "Peng 2023, Figures 5 and 6.",
         "render_gsnet → pipeline/render_gsnet.py",
         "Templates and takes that nobody trained on.",
