@@ -213,4 +213,10 @@ class LearnedGarment:
                 f"{self.run.folder}: the regressor of '{self.name}' was trained on {regressor.config.vertices} "
                 f"vertices, its template has {len(self.template.vertices)}; run `snakemake all`"
             )
+        # Garments are often made with one number of vertices; their triangles differ.
+        if not np.array_equal(regressor.shape.faces.numpy(force=True), self.template.faces):
+            raise ValueError(
+                f"{self.run.folder}: the regressor of '{self.name}' was trained on other triangles than its "
+                "template's; run `snakemake all`"
+            )
         return regressor

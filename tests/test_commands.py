@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from formats.animation import Animation
 from formats.animation_file import load_animation
 from geometry.proximity import SurfaceQuery
 from pipeline import dress, generate
+from runtime.finished_run import FinishedRun
 
 
 @pytest.fixture(scope="module")
@@ -137,3 +139,12 @@ def test_an_unfinished_run_says_what_to_run(run, tmp_path):
     (tmp_path / "config.json").write_text("{")
     with pytest.raises(SystemExit, match="is damaged"):
         generate.main(["--run", str(tmp_path), "--garment", "skirt", "--label", "walk"])
+
+
+def test_a_regressor_of_another_mesh_with_as_many_vertices_is_refused(run):
+    garment = FinishedRun.open(run).garment("skirt")
+    assert garment.regressor.config.vertices == len(garment.template.vertices)
+    other = FinishedRun.open(run).garment("skirt")
+    vars(other)["template"] = replace(other.template, faces=other.template.faces[::-1].copy())
+    with pytest.raises(ValueError, match="the regressor of 'skirt' was trained on other triangles"):
+        _ = other.regressor
