@@ -100,7 +100,7 @@ def test_few_clips_are_shared_out_as_far_as_they_go(config):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"unseen": 5}, "wardrobe.unseen: found 5 of 5 templates; at least one must be left to train on"),
+        ({"unseen": 6}, "wardrobe.unseen: found 6 of 6 templates; at least one must be left to train on"),
         ({"categories": ["hat"]}, "wardrobe.categories.0: found 'hat'; allowed are tshirt, top"),
         ({"vertices": {"min": 300, "max": 900}}, "wardrobe.vertices.min: found 300; allowed are"),
         ({"vertices": {"min": 900, "max": 700}}, "wardrobe.vertices: min 900 is above max 700"),
