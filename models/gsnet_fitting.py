@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -98,7 +98,7 @@ def fit_animator(
     validation: Sequence[WardrobeExample] = (),
     progress: Progress | None = None,
 ) -> TrainingLog:
-    """Train a network in place on examples of one length; it is left on the CPU in eval mode.
+    """Train a network in place on examples of one length, on the CPU; it is left there in eval mode.
 
     Args:
         animator: Made by ``build_animator``.
@@ -114,6 +114,8 @@ def fit_animator(
     """
     if len({(e.track.frames, e.track.lead) for e in examples}) != 1:
         raise ValueError(f"{animator.kind}: needs training sequences of one length, got {len(examples)} of several")
+    # Its steps are many small products on sparse meshes, and its examples lie in main memory: it trains on the CPU.
+    settings = replace(settings, training=replace(settings.training, device="cpu"))
     prepare(settings.training)
     if settings.mirror and isinstance(animator, PerGarment):
         raise ValueError(f"{animator.kind}: it knows a vertex by its number, so mirror must be false")

@@ -103,6 +103,17 @@ def test_training_goes_on_from_there_and_the_linear_map_stays(body, tmp_path):
     assert np.array_equal(loaded.dress(examples[0].graph, COTTON, motion, body), dressed)
 
 
+@pytest.mark.parametrize("linear", [True, False])
+def test_training_stays_on_the_cpu_where_there_is_a_gpu(body, tmp_path, monkeypatch, linear):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    made = network(body, linear=linear)
+    settings = AnimatorTraining(
+        training=TrainingSettings(epochs=1, device="auto"), anchor=AnchorSettings(epochs=2), physics_frames=0
+    )
+    fit_animator(made, wardrobe(body, clips=2), body, settings, tmp_path)
+    assert {p.device.type for p in made.parameters()} == {"cpu"}
+
+
 def test_what_cannot_be_anchored_is_refused(body, tmp_path):
     examples = wardrobe(body, clips=2)
     data = TrainingData(examples, body, 2, False)
