@@ -28,6 +28,7 @@ from models.garment_animator import skinned
 from models.garment_graph import GarmentGraph
 from models.gsnet import REACH, GSNet
 from models.gsnet_examples import TrainingData
+from models.optimizers import AdamW
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ def _fit_edges(network: GSNet, data: TrainingData, edges: dict[int, Tensor], set
     """
     materials = {id(g): [torch.as_tensor(e.material) for e in data.examples if e.graph is g] for g in data.graphs}
     parameters = [*network.encoder.parameters(), *network.edges.parameters()]
-    optimizer = torch.optim.AdamW(parameters, lr=settings.learning_rate, weight_decay=0.0, fused=True)
+    optimizer = AdamW(parameters, lr=settings.learning_rate, weight_decay=0.0, fused=True)
     steps, step, left = settings.epochs * len(data.graphs), 0, 0.0
     for _ in range(settings.epochs):
         left = 0.0

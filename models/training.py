@@ -26,6 +26,7 @@ import torch
 from torch import Tensor, nn
 
 from datasets.atomic import atomic_path, write_text
+from models.optimizers import SGD, AdamW, RMSprop
 
 CHECKPOINT_NAME = "checkpoint.pt"
 LOSSES_NAME = "losses.csv"
@@ -295,10 +296,10 @@ def _make_optimizer(parameters: list[nn.Parameter], settings: TrainingSettings) 
         raise ValueError("training: the module has no parameters to train")
     rate, decay = settings.learning_rate, settings.weight_decay
     if settings.optimizer == "adam":
-        return torch.optim.AdamW(parameters, lr=rate, weight_decay=decay, fused=True)
+        return AdamW(parameters, lr=rate, weight_decay=decay, fused=True)
     if settings.optimizer == "sgd":
-        return torch.optim.SGD(parameters, lr=rate, momentum=settings.momentum, weight_decay=decay)
-    return torch.optim.RMSprop(parameters, lr=rate, momentum=settings.momentum, weight_decay=decay)
+        return SGD(parameters, lr=rate, momentum=settings.momentum, weight_decay=decay)
+    return RMSprop(parameters, lr=rate, momentum=settings.momentum, weight_decay=decay)
 
 
 def _plateau(state: dict[str, Any], value: float, settings: TrainingSettings) -> None:
