@@ -8,7 +8,7 @@ kept by hand.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -34,8 +34,10 @@ def stage_sources(stage: str) -> list[str]:
     return sorted(found | data)
 
 
-def _imported(path: Path) -> Iterator[str]:
+@cache  # most stages stand on the same files, and reading one takes longer than all else that is done with it
+def _imported(path: Path) -> tuple[str, ...]:
     """The project's own files that a module imports."""
+    found: dict[str, None] = {}
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -44,14 +46,14 @@ def _imported(path: Path) -> Iterator[str]:
             names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
         else:
             continue
-        for name in names:
-            yield from _files_of(name.split("."))
+        found.update((file, None) for name in names for file in _files_of(name))
+    return tuple(found)
 
 
-def _files_of(parts: list[str]) -> Iterator[str]:
+@cache
+def _files_of(name: str) -> tuple[str, ...]:
     """The module's file, and the ``__init__`` of every package on the way to it."""
-    for depth in range(1, len(parts) + 1):
-        base = ROOT.joinpath(*parts[:depth])
-        for candidate in (base.with_suffix(".py"), base / "__init__.py"):
-            if candidate.is_file():
-                yield str(candidate.relative_to(ROOT))
+    parts = name.split(".")
+    bases = [ROOT.joinpath(*parts[:depth]) for depth in range(1, len(parts) + 1)]
+    candidates = [file for base in bases for file in (base.with_suffix(".py"), base / "__init__.py")]
+    return tuple(str(file.relative_to(ROOT)) for file in candidates if file.is_file())
