@@ -15,6 +15,7 @@ from pathlib import Path
 
 from formats.animation import Animation, plain_name
 from formats.save import FORMATS, check_target, save_animation
+from pipeline.start_up import after_imports
 from runtime.dressing import Wearing
 from runtime.finished_run import FinishedRun, LearnedGarment
 from runtime.wishes import body_shape, material
@@ -35,6 +36,7 @@ def run_command(name: str, description: str | None, define: Callable, run: Calla
     )
     define(parser)
     options = parser.parse_args(given)
+    after_imports()
     try:
         run(options)
     except (ValueError, OSError) as error:

@@ -16,6 +16,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from pipeline.start_up import after_imports, at_the_end
+
 
 @dataclass(frozen=True)
 class Job:
@@ -49,6 +51,7 @@ def run_stage(main: Callable[[Job], None]) -> None:
     parser.add_argument("--device", default="auto", choices=["auto", "cpu", "cuda"], help="where to compute")
     parser.add_argument("--threads", type=int, default=1, help="CPU threads")
     options = parser.parse_args()
+    after_imports()
     start = time.monotonic()
     try:
         main(Job(_parsed(options.spec), options.inputs, options.out, options.device, options.threads))
@@ -58,6 +61,7 @@ def run_stage(main: Callable[[Job], None]) -> None:
         sys.exit(f"[{stage}] error: {error} (set DRAPELINE_TRACEBACK=1 for where it was raised)")
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(f"[{stage}] done in {time.monotonic() - start:.1f} s, peak memory {peak:.2f} GB", file=sys.stderr, flush=True)
+    at_the_end()
 
 
 def _parsed(spec: str) -> dict:
