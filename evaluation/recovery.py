@@ -1,10 +1,8 @@
 """What z knows of the parameters, and how much each of them shapes the garment.
 
 In: a trained motion-invariant network, frames, and the parameters by name. Out: R^2 of a ridge regression from z to
-each parameter, and how far the garment moves with it.
-
-A shape cannot tell all parameters apart: cloth that bends twice as hard and weighs twice as much hangs the same. So the
-ratios by which the equations of motion depend on the parameters (``GROUPS``) stand beside the parameters themselves.
+each parameter, and how far the garment moves with it. Groups of parameters (``models.parameter_groups``) are told like
+parameters.
 """
 
 from __future__ import annotations
@@ -18,6 +16,7 @@ from evaluation.ridge import Ridge
 from evaluation.table import Row
 from models.intrinsic_fitting import decode_frames
 from models.motion_invariant import MotionInvariantNetwork
+from models.parameter_groups import scale_value, with_groups
 from models.same_phi import IntrinsicFrames
 from models.shape_descriptor import ShapeDescriptor, decode_all
 
@@ -25,25 +24,6 @@ HELD_OUT_EVERY = 5
 """Every fifth training phi chooses the penalty of the regression from z to the parameters."""
 EFFECT_FRAMES = 200
 """Frames, spread evenly over the test frames, on which the effect of a parameter is measured."""
-
-GROUPS: dict[str, dict[str, float]] = {
-    "bend / (density gravity)": {"bend": 1, "density": -1, "gravity": -1},
-    "stretch / (density gravity)": {"stretch": 1, "density": -1, "gravity": -1},
-    "air_drag / density": {"air_drag": 1, "density": -1},
-    "gravity time_scale^2": {"gravity": 1, "time_scale": 2},
-}
-"""Products of powers of parameters: bending and stretching against weight, drag against inertia, and gravity in the
-time of the clip, which a second of the simulation is not."""
-
-
-def with_groups(parameters: Mapping[str, float]) -> dict[str, float]:
-    """The parameters of a set, and those of ``GROUPS`` that can be made of them."""
-    groups = {
-        name: float(np.prod([parameters[p] ** power for p, power in powers.items()]))
-        for name, powers in GROUPS.items()
-        if all(parameters.get(p, 0.0) > 0.0 for p in powers)
-    }
-    return {**parameters, **groups}
 
 
 def recovery_rows(
@@ -67,7 +47,9 @@ def recovery_rows(
         logarithmic: Names that are regressed as their logarithm.
     """
     names = list(next(iter(parameters.values())))
-    values = {phi: np.array([_value(p[name], name in logarithmic) for name in names]) for phi, p in parameters.items()}
+    values = {
+        phi: np.array([scale_value(p[name], name in logarithmic) for name in names]) for phi, p in parameters.items()
+    }
     x, phi = sequence_latents(network, training)
     y = np.stack([values[p] for p in phi])
     varied = np.flatnonzero(y.std(axis=0) > 1e-9)
@@ -133,7 +115,7 @@ def effects_mm(
         for sign in (-1.0, 1.0):
             moved = base[name] * np.exp(sign * spread) if name in logarithmic else base[name] + sign * spread
             values = with_groups({**base, name: float(moved)})
-            vector = np.array([_value(values[n], n in logarithmic) for n in names])
+            vector = np.array([scale_value(values[n], n in logarithmic) for n in names])
             shapes = IntrinsicFrames(
                 frames.descriptors[rows],
                 signatures,
@@ -148,16 +130,7 @@ def effects_mm(
     return found
 
 
-def scale_values(values: Mapping[str, float], logarithmic: Collection[str]) -> np.ndarray:
-    """The values in their order, those named as their logarithm, shape [P]."""
-    return np.array([_value(value, name in logarithmic) for name, value in values.items()])
-
-
 def _r_squared(predicted: np.ndarray, truth: np.ndarray) -> list[float | None]:
     error = np.sum((predicted - truth) ** 2, axis=0)
     total = np.sum((truth - truth.mean(axis=0)) ** 2, axis=0)
     return [float(1.0 - e / t) if t > 1e-12 else None for e, t in zip(error, total, strict=True)]
-
-
-def _value(value: float, logarithm: bool) -> float:
-    return float(np.log(value)) if logarithm else float(value)

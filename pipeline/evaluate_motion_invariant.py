@@ -15,11 +15,12 @@ from datasets.sequences import to_canonical
 from datasets.shards import MATERIALS
 from datasets.splits import TRAIN, UNSEEN_BOTH, UNSEEN_MOTIONS, UNSEEN_PARAMETERS
 from evaluation.intrinsic import against_controls, transfer_rows, variance_row
-from evaluation.recovery import GROUPS, effects_mm, recovery_rows, with_groups
+from evaluation.recovery import effects_mm, recovery_rows
 from evaluation.seeds import average_seeds
 from evaluation.table import Row, merge_tables, write_table
 from models.intrinsic_fitting import load_motion_invariant
 from models.motion_invariant import MotionInvariantNetwork
+from models.parameter_groups import GROUPS, with_groups
 from models.same_phi import IntrinsicFrames
 from models.shape_descriptor import ShapeDescriptor, load_shape_descriptor
 from pipeline.intrinsic_data import (

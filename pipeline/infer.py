@@ -21,10 +21,10 @@ from datasets.codes import file_digest, read_codes
 from datasets.shards import MATERIALS
 from datasets.splits import TRAIN, UNSEEN_PARAMETERS
 from evaluation.parameter_reader import COVERAGE, Estimate, ParameterReader
-from evaluation.recovery import GROUPS
 from evaluation.table import Row, write_table
 from formats.keyframe import read_keyframe
 from formats.target import refuse_existing
+from models.parameter_groups import GROUPS
 from pipeline.command import asked_garment, run_command
 from pipeline.parameter_reading import fitted_reader
 from pipeline.shown_options import add_shown, shown_animation

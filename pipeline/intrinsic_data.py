@@ -6,10 +6,10 @@ import numpy as np
 
 from datasets.codes import CodedSequence, file_digest, read_codes
 from datasets.sequences import Sequence
-from evaluation.recovery import GROUPS, scale_values, with_groups
 from models.motion_features import sequence_track
 from models.motion_history import MotionHistory
 from models.motion_invariant import MotionInvariantConfig
+from models.parameter_groups import GROUPS, scale_values, with_groups
 from models.same_phi import IntrinsicFrames
 from pipeline.sequence_data import frame_numbers
 from pipeline.stage import Job

@@ -8,9 +8,9 @@ import numpy as np
 
 from datasets.codes import CodedSequence
 from evaluation.parameter_reader import Evidence, ParameterReader
-from evaluation.recovery import with_groups
 from models.intrinsic_fitting import frame_evidence
 from models.motion_invariant import MotionInvariantNetwork
+from models.parameter_groups import with_groups
 from pipeline.intrinsic_data import LOGARITHMIC, all_codes, intrinsic_frames, varied_parameters
 
 Parameters = dict[int, dict[str, float]]

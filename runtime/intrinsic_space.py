@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 import torch
 
-from evaluation.recovery import GROUPS, scale_values, with_groups
 from models.intrinsic_fitting import decode_frames, frame_evidence, pooled
 from models.motion_features import MotionTrack
 from models.motion_history import MotionHistory
 from models.motion_invariant import MotionInvariantNetwork
+from models.parameter_groups import GROUPS, scale_values, with_groups
 from models.pooled_latent import PooledNetwork
 from models.same_phi import IntrinsicFrames
 from models.shape_descriptor import ShapeDescriptor, decode_all, encode_all

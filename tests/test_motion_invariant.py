@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from evaluation.intrinsic import against_controls, sequences_of, transfer_rows, variance_ratio, variance_row
-from evaluation.recovery import effects_mm, recovery_rows, with_groups
+from evaluation.recovery import effects_mm, recovery_rows
 from models.checkpoint import save_model
 from models.intrinsic_fitting import (
     SamePhiStep,
@@ -28,6 +28,7 @@ from models.intrinsic_fitting import (
 from models.motion_features import MotionTrack
 from models.motion_history import MotionHistory
 from models.motion_invariant import VARIANTS, MotionInvariantConfig, UBlock
+from models.parameter_groups import with_groups
 from models.same_phi import IntrinsicFrames, SamePhiBatches
 from models.shape_descriptor import ResidualPcaDescriptor, ShapeDescriptorConfig
 from models.training import TrainingSettings

@@ -34,3 +34,8 @@ def test_a_simulation_does_not_hang_on_networks_nor_on_the_page():
 def test_a_training_does_not_hang_on_another_networks_code():
     assert "models/garment_regressor.py" not in stage_sources("train_shape_descriptor")
     assert "models/shape_descriptor.py" not in stage_sources("train_motion_cvae")
+
+
+def test_a_training_does_not_hang_on_what_is_measured_afterwards():
+    for stage in ("train_shape_descriptor", "train_motion_invariant", "train_motion_cvae", "train_mesh_vae_gan"):
+        assert not [path for path in stage_sources(stage) if path.startswith("evaluation/")], stage
