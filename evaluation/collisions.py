@@ -6,11 +6,18 @@ the deepest one, by exact signed distances to the body's surface.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import scipy.sparse as sp
 
 from evaluation.metrics import COLLISION_MARGIN
+from geometry.proximity import PosedSurface, SurfaceQuery
+from geometry.topology import lengths
 from models.refinement import Refiner
+
+LOOK_UP = 5.0e-3
+"""Distance from the body [m] that a vertex must be known to keep for it not to be looked up."""
 
 
 class Contact:
@@ -34,6 +41,50 @@ class Contact:
             f"{prefix}collision_rate_{1e3 * COLLISION_MARGIN:g}mm_percent": 100.0 * self.near / self.count,
             f"{prefix}deepest_mm": 1e3 * self.deepest,
         }
+
+
+class KnownGarment:
+    """A garment outside a body whose distances are known, which tells much of those of garments that lie near it.
+
+    A vertex that is nearer to its counterpart than the counterpart is to the body is outside as well, and its distance
+    is less by their distance at most: such vertices, on a good prediction most, need not be looked up. Where the body
+    runs through itself a look at the nearest surface can say otherwise, close to it: hence ``LOOK_UP``.
+
+    Args:
+        vertices: The known garment [m], shape [V, 3].
+        body: The body at the same instant.
+    """
+
+    def __init__(self, vertices: np.ndarray, body: PosedSurface) -> None:
+        self._vertices, self._body = np.asarray(vertices, dtype=np.float64), body
+        self._distance = body.query(vertices).distance
+
+    def distances(self, vertices: np.ndarray) -> np.ndarray:
+        """Signed distances [m], [V], of another garment: exact below ``LOOK_UP``, else at least that."""
+        distance = self._distance - lengths(vertices - self._vertices)
+        ask = np.flatnonzero(distance < LOOK_UP)
+        if len(ask):
+            distance[ask] = self._body.query(vertices[ask]).distance
+        return distance
+
+
+def contacts(
+    predictions: Mapping[str, np.ndarray], truth: np.ndarray, body: SurfaceQuery, body_vertices: np.ndarray
+) -> dict[str, Contact]:
+    """Contact of several garments with one moving body.
+
+    Args:
+        predictions: Garments [m] by name, shape [T, V, 3] each.
+        truth: The garment that they predict, shape [T, V, 3].
+        body: The body's surface.
+        body_vertices: Its vertices [m], shape [T, B, 3].
+    """
+    found = {name: Contact() for name in predictions}
+    for t, under in enumerate(body_vertices):
+        known = KnownGarment(truth[t], body.at(under))
+        for name, vertices in predictions.items():
+            found[name].add(known.distances(vertices[t]))
+    return found
 
 
 def refine_and_judge(
@@ -60,12 +111,7 @@ def refine_and_judge(
         hits = body.query(vertices)
         before.add(hits.distance)
         refined[t], stats = refiner.refine_hits(vertices, body, hits)
-        distance = hits.distance
-        moved_now = (refined[t] != vertices).any(axis=1)
-        if moved_now.any():
-            distance = distance.copy()
-            distance[moved_now] = body.query(refined[t][moved_now]).distance
-        after.add(distance)
+        after.add(body.query_moved(refined[t], vertices, hits).distance)
         moved = max(moved, stats.largest_move)
         projected += stats.projected
         touched += stats.inside

@@ -82,29 +82,28 @@ def reconstruction_rows(
     compare = Sted(MeshTopology.from_faces(body.faces, len(body.vertices)), sted)
     count, layer = len(test.pose6d), BodyLayer(body)
     on_meshes = np.unique(np.linspace(0, count - 1, min(MESH_MOTIONS, count)).round().astype(int))
-    true_meshes = {n: _vertices(test.pose6d[n], body) for n in on_meshes}
+    reconstructed = {name: method() for name, method in methods.items()}
+    distances: dict[str, list[float]] = {name: [] for name in methods}
+    edge_differences: dict[str, list[float]] = {name: [] for name in methods}
+    for n in on_meshes:
+        true_mesh = _vertices(test.pose6d[n], body)
+        true_edges = compare.beside(true_mesh)
+        for name, poses in reconstructed.items():
+            mesh = _vertices(poses[n], body)
+            distances[name].append(hausdorff(mesh, true_mesh, HAUSDORFF_STRIDE))
+            edge_differences[name].append(true_edges.compare(mesh).sted)
     true_joints = joint_tracks(test.pose6d, layer)
-    figures: dict[str, tuple[float, ...]] = {}
-    for name, method in methods.items():
-        poses = method()
-        meshes = {n: _vertices(poses[n], body) for n in on_meshes}
-        figures[name] = (
-            float(np.sqrt(np.square(poses - test.pose6d).mean((1, 2, 3))).mean()),
-            float(np.linalg.norm(joint_tracks(poses, layer) - true_joints, axis=-1).mean()),
-            float(np.mean([_vertex_rmse(layer, a, b) for a, b in zip(poses, test.pose6d, strict=True)])),
-            float(np.mean([hausdorff(meshes[n], true_meshes[n], HAUSDORFF_STRIDE) for n in on_meshes])),
-            float(np.mean([compare.compare(meshes[n], true_meshes[n]).sted for n in on_meshes])),
-        )
     rows: list[Row] = []
-    for name, (pose, joint, vertex, distance, edges) in figures.items():
+    for name, poses in reconstructed.items():
+        vertex = [_vertex_rmse(layer, a, b) for a, b in zip(poses, test.pose6d, strict=True)]
         rows.append(
             {
                 "method": name,
-                "pose_rmse": pose,
-                "joint_error_m": joint,
-                "vertex_rmse_m": vertex,
-                "hausdorff_m": distance,
-                "sted": edges,
+                "pose_rmse": float(np.sqrt(np.square(poses - test.pose6d).mean((1, 2, 3))).mean()),
+                "joint_error_m": float(np.linalg.norm(joint_tracks(poses, layer) - true_joints, axis=-1).mean()),
+                "vertex_rmse_m": float(np.mean(vertex)),
+                "hausdorff_m": float(np.mean(distances[name])),
+                "sted": float(np.mean(edge_differences[name])),
                 "motions": count,
                 "mesh_motions": len(on_meshes),
                 "sted_parameters": compare.parameters.label,

@@ -18,18 +18,18 @@ import numpy as np
 
 from body.model import Body
 from datasets.sequences import Sequence
-from evaluation.collisions import Contact, refine_and_judge
+from evaluation.collisions import contacts, refine_and_judge
 from evaluation.metrics import (
     NearestVertices,
+    VertexDistances,
     bend_of_normals,
     cosine_distance,
     edge_deviation,
     hausdorff,
-    kg_error,
-    mean_vertex_error,
     rmse,
+    squared_variation,
 )
-from evaluation.sted import Sted, StedParameters
+from evaluation.sted import Sted, StedParameters, TrueEdges
 from evaluation.table import Row
 from garments.template import GarmentTemplate
 from geometry.topology import vertex_normals
@@ -93,20 +93,24 @@ def regressor_rows(
         if sequence.garment != template.name:
             raise ValueError(f"evaluation of garment '{template.name}': got a sequence of '{sequence.garment}'")
         own_rest = template.vertices if rest is None else rest(sequence)
-        worn = _Worn(body_of(sequence), sequence, own_rest, template.faces, figures.settings.frames_stride)
+        worn = _Worn(body_of(sequence), sequence, own_rest, figures)
+        looked_at: dict[str, np.ndarray] = {}
         for method, predict in predictors.items():
             predicted = predict(sequence)
             if predicted is not None:
                 predicted = np.asarray(predicted, dtype=np.float32)
                 _check(predicted, sequence, method)
-                found = figures.errors(predicted, sequence.vertices)
+                found = figures.errors(predicted, worn)
                 if number in whole:
-                    found |= figures.of(predicted, sequence.vertices, worn)
+                    found |= figures.of(predicted, worn)
+                    looked_at[method] = predicted[:: figures.settings.frames_stride]
                 if method in refined:
-                    found |= figures.refined(predicted, sequence.vertices, worn)
+                    found |= figures.refined(predicted, worn)
                 collected[sequence.split, method].append(found)
             if progress is not None:
                 progress(1)
+        for method, contact in figures.contacts(looked_at, worn).items():
+            collected[sequence.split, method][-1] |= contact
     return [
         figures.row(template.name, split, method, values) for (split, method), values in collected.items() if values
     ]
@@ -115,9 +119,14 @@ def regressor_rows(
 class _Worn:
     """One sequence's simulated garment, its rest shape and the body under it: what all methods share, made once."""
 
-    def __init__(self, body: Body, sequence: Sequence, rest: np.ndarray, faces: np.ndarray, stride: int) -> None:
-        self._body, self._sequence, self._faces, self._stride = body, sequence, faces, stride
-        self.rest, self.body_faces = rest, body.faces
+    def __init__(self, body: Body, sequence: Sequence, rest: np.ndarray, figures: _Figures) -> None:
+        self._body, self._sequence, self._figures = body, sequence, figures
+        self.truth, self.rest, self.body_faces = sequence.vertices, rest, body.faces
+
+    @cached_property
+    def variation(self) -> float:
+        """Squared norm [m^2] of the simulated garment about each frame's mean point."""
+        return squared_variation(self.truth)
 
     @cached_property
     def body_vertices(self) -> np.ndarray:
@@ -126,13 +135,18 @@ class _Worn:
 
     @cached_property
     def nearest(self) -> NearestVertices:
-        """Of the body in every ``stride``-th frame."""
-        return NearestVertices(self.body_vertices[:: self._stride], self.body_faces)
+        """Of the body in every ``frames_stride``-th frame."""
+        return NearestVertices(self.body_vertices[:: self._figures.settings.frames_stride], self.body_faces)
 
     @cached_property
     def normals(self) -> np.ndarray:
         """Unit vertex normals of the simulated garment, [T, V, 3]."""
-        return vertex_normals(self._sequence.vertices, self._faces)
+        return vertex_normals(self.truth, self._figures.template.faces)
+
+    @cached_property
+    def edges(self) -> TrueEdges:
+        """Of the simulated garment, for STED."""
+        return self._figures.sted.beside(self.truth)
 
 
 class _Figures:
@@ -152,22 +166,23 @@ class _Figures:
             self._refiner = Refiner(topology, worn.body_faces, count, self.settings.refinement)
         return self._refiner
 
-    def errors(self, predicted: np.ndarray, truth: np.ndarray) -> dict[str, float]:
+    def errors(self, predicted: np.ndarray, worn: _Worn) -> dict[str, float]:
         """What is cheap: errors of one predicted sequence [mm]."""
+        distances = VertexDistances(predicted, worn.truth)
         return {
-            "frames": len(truth),
-            "rmse_mm": 1e3 * rmse(predicted, truth),
-            "mean_vertex_mm": 1e3 * mean_vertex_error(predicted, truth),
-            "kg_error_percent": kg_error(predicted, truth),
+            "frames": len(worn.truth),
+            "rmse_mm": 1e3 * distances.rmse(),
+            "mean_vertex_mm": 1e3 * distances.mean(),
+            "kg_error_percent": distances.kg_error(worn.variation),
         }
 
-    def of(self, predicted: np.ndarray, truth: np.ndarray, worn: _Worn) -> dict[str, float]:
+    def of(self, predicted: np.ndarray, worn: _Worn) -> dict[str, float]:
         """Figures of one predicted sequence, lengths in millimetres and shares in percent."""
         topology, stride = self.template.topology, self.settings.frames_stride
-        sted, normals = self.sted.compare(predicted, truth), vertex_normals(predicted, topology.faces)
-        plain = {
+        sted, normals = worn.edges.compare(predicted), vertex_normals(predicted, topology.faces)
+        return {
             "detailed_sequences": 1,
-            "hausdorff_mm": 1e3 * hausdorff(predicted, truth, stride),
+            "hausdorff_mm": 1e3 * hausdorff(predicted, worn.truth, stride),
             "sted": sted.sted,
             "sted_spatial": sted.spatial,
             "sted_temporal": sted.temporal,
@@ -176,15 +191,19 @@ class _Figures:
             "bend": bend_of_normals(normals, topology),
             "collision_rate_vertex_percent": 100.0 * worn.nearest.collision_rate(predicted[::stride]),
         }
-        contact, surface = Contact(), self.refiner(worn).body
-        for vertices, under in zip(predicted[::stride], worn.body_vertices[::stride], strict=True):
-            contact.add(surface.query(vertices, under).distance)
-        return plain | contact.figures("")
 
-    def refined(self, predicted: np.ndarray, truth: np.ndarray, worn: _Worn) -> dict[str, float]:
+    def contacts(self, predictions: Mapping[str, np.ndarray], worn: _Worn) -> dict[str, dict[str, float]]:
+        """Shares inside the body [%] and depths [mm] of all methods' garments in every ``frames_stride``-th frame."""
+        if not predictions:
+            return {}
+        stride, body = self.settings.frames_stride, self.refiner(worn).body
+        found = contacts(predictions, worn.truth[::stride], body, worn.body_vertices[::stride])
+        return {method: contact.figures("") for method, contact in found.items()}
+
+    def refined(self, predicted: np.ndarray, worn: _Worn) -> dict[str, float]:
         """What refinement does to a predicted sequence, judged in all frames."""
         refined, figures = refine_and_judge(self.refiner(worn), self.laplacian, predicted, worn.body_vertices)
-        return figures | {"refined_rmse_mm": 1e3 * rmse(refined, truth)}
+        return figures | {"refined_rmse_mm": 1e3 * rmse(refined, worn.truth)}
 
     def row(self, garment: str, split: str, method: str, values: list[dict[str, float]]) -> Row:
         """One table row: means over sequences, maxima of the deepest penetrations and moves."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.topology import MeshTopology, edge_lengths
+from geometry.topology import MeshTopology, by_coordinate
 
 
 @dataclass(frozen=True)
@@ -66,33 +66,61 @@ class Sted:
 
     def compare(self, predicted: np.ndarray, truth: np.ndarray) -> StedResult:
         """STED of ``predicted`` against ``truth``, both [T, V, 3] [m]; T = 1 has no temporal part."""
-        if predicted.shape != truth.shape or truth.ndim != 3:
-            raise ValueError(f"expected equal shapes [T, V, 3], got {list(predicted.shape)} and {list(truth.shape)}")
-        spatial = self._spatial(predicted, truth)
-        temporal = self._temporal(predicted, truth)
-        return StedResult(float(np.hypot(spatial, self.parameters.weight * temporal)), spatial, temporal)
+        return self.beside(truth).compare(predicted)
 
-    def _spatial(self, predicted: np.ndarray, truth: np.ndarray) -> float:
+    def beside(self, truth: np.ndarray) -> TrueEdges:
+        """``truth [T, V, 3]`` [m], which many predictions are compared with: its own part is computed once."""
+        return TrueEdges(self, truth)
+
+
+class TrueEdges:
+    """Edges of a true animation in space and in time; made by ``Sted.beside``."""
+
+    def __init__(self, sted: Sted, truth: np.ndarray) -> None:
+        if truth.ndim != 3 or truth.shape[2] != 3:
+            raise ValueError(f"STED: expected shape [T, V, 3], got {list(truth.shape)}")
+        self._shape, self._parameters = truth.shape, sted.parameters
+        self._edges, self._neighbourhood = sted.edges, sted.neighbourhood
+        self._length = _edge_lengths(truth, self._edges)  # [E, T]
+        self._weight = np.maximum(self._neighbourhood @ self._length, 1e-12)  # [V, T]
+        if len(truth) > 1:
+            extent = np.array([np.ptp(truth[..., k]) for k in range(3)], dtype=np.float64)
+            self._diagonal = max(float(np.linalg.norm(extent)), 1e-12)
+            self._path = _path_edges(truth, self._diagonal, self._parameters.time_step)  # [T-1, V]
+            self._path_weight = _window_sum(self._path, self._parameters.window)
+
+    def compare(self, predicted: np.ndarray) -> StedResult:
+        """STED of ``predicted [T, V, 3]`` [m]; T = 1 has no temporal part."""
+        if predicted.shape != self._shape:
+            raise ValueError(f"STED: expected shape {list(self._shape)} as the truth has, got {list(predicted.shape)}")
+        spatial, temporal = self._spatial(predicted), self._temporal(predicted)
+        return StedResult(float(np.hypot(spatial, self._parameters.weight * temporal)), spatial, temporal)
+
+    def _spatial(self, predicted: np.ndarray) -> float:
         """Mean over vertices and frames of the length-weighted deviation of ``|l - l'| / l`` in the d-ring."""
-        length = edge_lengths(truth.astype(np.float64), self.edges).T  # [E, T]
-        change = np.abs(length - edge_lengths(predicted.astype(np.float64), self.edges).T) / np.maximum(length, 1e-12)
-        weight = np.maximum(self.neighbourhood @ length, 1e-12)  # [V, T]
-        mean = (self.neighbourhood @ (length * change)) / weight
-        square = (self.neighbourhood @ (length * change**2)) / weight
+        change = np.abs(self._length - _edge_lengths(predicted, self._edges)) / np.maximum(self._length, 1e-12)
+        weighted = self._length * change
+        mean = (self._neighbourhood @ weighted) / self._weight
+        square = (self._neighbourhood @ (weighted * change)) / self._weight
         return float(np.sqrt(np.maximum(square - mean**2, 0.0)).mean())
 
-    def _temporal(self, predicted: np.ndarray, truth: np.ndarray) -> float:
+    def _temporal(self, predicted: np.ndarray) -> float:
         """Mean over vertices and frames of the deviation of the temporal edges' relative change in the window."""
-        if len(truth) < 2:
+        if len(predicted) < 2:
             return 0.0
-        low, high = truth.min(axis=(0, 1)), truth.max(axis=(0, 1))
-        diagonal = max(float(np.linalg.norm((high - low).astype(np.float64))), 1e-12)
-        length = _path_edges(truth, diagonal, self.parameters.time_step)  # [T-1, V]
-        change = np.abs(length - _path_edges(predicted, diagonal, self.parameters.time_step)) / length
-        weight = _window_sum(length, self.parameters.window)
-        mean = _window_sum(length * change, self.parameters.window) / weight
-        square = _window_sum(length * change**2, self.parameters.window) / weight
+        length, window = self._path, self._parameters.window
+        change = np.abs(length - _path_edges(predicted, self._diagonal, self._parameters.time_step)) / length
+        weighted = length * change
+        mean = _window_sum(weighted, window) / self._path_weight
+        square = _window_sum(weighted * change, window) / self._path_weight
         return float(np.sqrt(np.maximum(square - mean**2, 0.0)).mean())
+
+
+def _edge_lengths(vertices: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Lengths of all edges [m] in the order in which neighbourhoods are summed, [E, T] float64."""
+    i, j = edges.T
+    x, y, z = (along.take(i, axis=0) - along.take(j, axis=0) for along in by_coordinate(vertices).astype(np.float64))
+    return np.sqrt(x * x + y * y + z * z)
 
 
 def _path_edges(vertices: np.ndarray, diagonal: float, time_step: float) -> np.ndarray:

@@ -135,10 +135,10 @@ def contact_rows(
             hits = posed.query(vertices)
             found["network"].add(hits.distance)
             corrected = correct(vertices, hits.point, hits.normal)
-            again = posed.query(corrected)
+            again = posed.query_moved(corrected, vertices, hits)
             found["regressor"].add(again.distance)
             refined, _ = refiner.refine_hits(corrected, posed, again)
-            found["projection"].add(posed.query(refined).distance)
+            found["projection"].add(posed.query_moved(refined, corrected, again).distance)
     return found
 
 

@@ -57,6 +57,19 @@ def test_hausdorff_is_symmetric_and_blind_to_order() -> None:
     assert metrics.hausdorff(line[:, ::-1].copy(), line) == 0.0
 
 
+@pytest.mark.parametrize("spread", [0.01, 0.3])
+def test_hausdorff_equals_brute_force(spread: float) -> None:
+    rng = np.random.default_rng(3)
+    truth = rng.normal(size=(3, 150, 3)).astype(np.float32)
+    predicted = (truth + spread * rng.normal(size=truth.shape)).astype(np.float32)
+    predicted[1, 7] += 2.0  # the farthest of one set only
+    truth[2, 9] -= 2.0
+    apart = np.linalg.norm(predicted[:, :, None].astype(float) - truth[:, None], axis=-1)
+    worst = np.maximum(apart.min(axis=2).max(axis=1), apart.min(axis=1).max(axis=1))
+    assert metrics.hausdorff(predicted, truth) == pytest.approx(worst.mean(), rel=1e-12)
+    assert metrics.hausdorff(predicted, truth, stride=2) == pytest.approx(worst[::2].mean(), rel=1e-12)
+
+
 def test_kg_error_of_the_mean_shape_is_100() -> None:
     truth = np.random.default_rng(2).normal(size=(5, 30, 3))
     flat = np.repeat(truth.mean(axis=1, keepdims=True), 30, axis=1)
@@ -152,6 +165,36 @@ def test_sted_temporal_part_sees_jitter_more_than_drift() -> None:
     sted = Sted(topology, StedParameters(window=3))
     assert sted.compare(drift, truth).temporal == pytest.approx(0.0, abs=1e-7)
     assert sted.compare(jitter, truth).temporal > 0.005
+
+
+def test_sted_equals_its_definition(animation: tuple[np.ndarray, np.ndarray, MeshTopology]) -> None:
+    truth, predicted, topology = animation
+    sted, (i, j) = Sted(topology), topology.edges.T
+    true_length, length = (np.linalg.norm(x[:, i] - x[:, j], axis=-1) for x in (truth, predicted))
+    change = np.abs(length / true_length - 1.0)
+    near = np.eye(topology.vertex_count, dtype=bool) | (topology.adjacency().toarray() > 0)
+    spatial = [
+        np.sqrt(np.cov(c[n[i] & n[j]], aweights=t[n[i] & n[j]], ddof=0))
+        for c, t in zip(change, true_length, strict=True)
+        for n in near
+    ]
+    diagonal = np.linalg.norm(truth.max(axis=(0, 1)) - truth.min(axis=(0, 1)))
+    true_path, path = (
+        np.hypot(np.linalg.norm(np.diff(x, axis=0), axis=-1) / diagonal, 0.01) for x in (truth, predicted)
+    )
+    change = np.abs(path / true_path - 1.0)
+    windows = [slice(max(t - 5, 0), t + 6) for t in range(len(path))]
+    temporal = [
+        np.sqrt(np.cov(change[w, v], aweights=true_path[w, v], ddof=0)) for w in windows for v in range(len(near))
+    ]
+    # The truth is prepared once, whatever it is compared with in between.
+    beside = sted.beside(truth)
+    assert beside.compare(truth).sted == 0.0
+    assert beside.compare(predicted) == sted.compare(predicted, truth)
+    assert beside.compare(predicted).spatial == pytest.approx(np.mean(spatial), rel=1e-9)
+    assert beside.compare(predicted).temporal == pytest.approx(np.mean(temporal), rel=1e-9)
+    with pytest.raises(ValueError, match="expected shape"):
+        beside.compare(predicted[1:])
 
 
 def test_sted_parameters_matter_and_are_printed(animation: tuple[np.ndarray, np.ndarray, MeshTopology]) -> None:

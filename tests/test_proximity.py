@@ -147,6 +147,22 @@ def test_two_instants_of_one_surface_do_not_mix() -> None:
     np.testing.assert_array_equal(here.query(points).distance, first)
 
 
+def test_what_has_not_moved_is_not_looked_up_again() -> None:
+    vertices, faces = bumpy_sphere()
+    rng = np.random.default_rng(4)
+    surface, before = SurfaceQuery(faces).at(vertices), rng.normal(size=(50, 3))
+    known = surface.query(before)
+    after = before.copy()
+    after[::7] += 0.1
+    found, expected = surface.query_moved(after, before, known), surface.query(after)
+    for name, array in vars(expected).items():
+        assert np.array_equal(getattr(found, name), array), name
+    assert known.distance[0] != found.distance[0]  # what was known stays as it was
+    assert surface.query_moved(before, before, known) is known
+    wrong = surface.query(after + 1.0)
+    assert np.array_equal(surface.query_moved(after, before, wrong).distance[1:7], wrong.distance[1:7])
+
+
 def test_moves_with_the_mesh_and_survives_slivers() -> None:
     vertices, faces = bumpy_sphere()
     # A zero-area face does not disturb its neighbours.
