@@ -11,8 +11,8 @@ the Laplacian does not see a translation; mu = 1e-2 keeps the change within abou
 it reached six edges far, where the prediction was right: the error against the truth grew by 2.3% on T-shirts of unseen
 labels; now it falls by 0.3%, at the same change of the Laplacian.
 
-What the constraints change is solved for by ``models.handle_solver``. A frame of 5,787 vertices, 1% of them inside,
-takes 7 ms of one core.
+Which side of the body a vertex belongs on says ``models.way_out``; what the constraints change is solved for by
+``models.handle_solver``. A frame of 5,787 vertices, 1% of them inside, takes 5 to 7 ms of one core.
 """
 
 from __future__ import annotations
@@ -20,22 +20,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.csgraph import dijkstra
-from scipy.sparse.linalg import spsolve
 
 from geometry.proximity import PosedSurface, Sheet, SurfaceHits, SurfaceQuery
 from geometry.topology import MeshTopology
 from models.handle_solver import HandleSolver
 from models.last_resort import TOUCH, project_out
+from models.way_out import WayOut
 
 HORIZON = 0.02
 """Least distance up to which the surface is looked up exactly [m]: with less, a vertex deep in a limb can be taken for
 one outside, because the first face that is found near it lies beyond a fold."""
-
-JUMP = 3.0
-"""How many garment steps a closest point may move on the body from one garment vertex to its neighbour."""
-
 
 STEEPEST = 0.25
 """Depth of an edge's midpoint, over the edge's length, up to which the edge is brought out."""
@@ -71,7 +65,7 @@ class FrameStats:
 
     Attributes:
         inside: Vertices inside the body before.
-        redirected: Of those, vertices whose nearest surface lay on the wrong side of the body.
+        redirected: Of those, vertices whose nearest surface lay on the wrong side of the body; counted in each solve.
         iterations: Solves made.
         projected: Vertices that the solves left inside and the last resort moved.
         inside_after: Vertices inside at the end; 0 by construction.
@@ -126,9 +120,8 @@ class Refiner:
         self.edges = topology.edges
         self._ends = tuple(np.ascontiguousarray(end) for end in topology.edges.T)
         self.vertex_count = topology.vertex_count
-        adjacency = topology.adjacency()
-        self.sheet = Sheet(adjacency)
-        self._graph_laplacian = (sp.diags(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency).tocsr()
+        self.sheet = Sheet(topology.adjacency())
+        self._way_out = WayOut(topology, self.settings.clearance)
         self._solver = HandleSolver(topology, self.settings.weight, self.settings.anchor)
 
     def refine_frame(self, vertices: np.ndarray, body_vertices: np.ndarray) -> tuple[np.ndarray, FrameStats]:
@@ -164,18 +157,19 @@ class Refiner:
         # Likewise a midpoint; of none is anything known at first.
         middles, free = start[:0], np.full(len(self.edges) if settings.edges else 0, -1.0)
         while solves < settings.iterations:
-            if inside.any():
-                redirected += self._redirect(body, current, inside, known, surface, normal)
+            wanted = inside.any()
+            if wanted:
+                redirected += self._way_out.correct(body, start, current, inside, known, surface, normal)
                 target[inside] = surface[inside] + settings.clearance * normal[inside]
                 constrained |= inside
-            else:
-                if not settings.edges:
-                    break
+            # Before the first solve, edges beside vertices inside say nothing about the garment that comes out.
+            if settings.edges and not (wanted and solves == 0):
                 ends, push, middles = self._buried_edges(body, current, safe, middles, free)
-                if len(ends) == 0:
-                    break
                 target[ends] = current[ends] + push
                 constrained[ends] = True
+                wanted |= len(ends) > 0
+            if not wanted:
+                break
             held = np.flatnonzero(constrained)
             current = start + self._solver.solve(held, (target - start)[held])
             solves += 1
@@ -235,11 +229,12 @@ class Refiner:
         Returns:
             Ends, shape [C], pushes [C, 3], and the midpoints where they were last asked for, [E, 3].
         """
-        # Only an edge longer than twice its ends' distances can dip into the body.
+        # Only an edge longer than twice its ends' distances can dip into the body; an end inside comes out by itself.
         i, j = self._ends
         single, room = vertices.astype(np.float32), safe.astype(np.float32)
         length = _length(single.take(i, axis=0) - single.take(j, axis=0))
-        near = np.nonzero(0.5 * length > np.maximum(room.take(i), room.take(j)))[0]
+        one, other = room.take(i), room.take(j)
+        near = np.nonzero((0.5 * length > np.maximum(one, other)) & (np.minimum(one, other) >= 0.0))[0]
         if len(middles) == 0:
             middles = np.zeros((len(self.edges), 3))
         now = 0.5 * (vertices.take(i[near], axis=0) + vertices.take(j[near], axis=0))
@@ -258,66 +253,6 @@ class Refiner:
         push[self.edges[near[buried]].reshape(-1)] = np.repeat(move, 2, axis=0)
         ends = np.unique(self.edges[near[buried]])
         return ends, push[ends], middles
-
-    def _redirect(
-        self,
-        body: PosedSurface,
-        vertices: np.ndarray,
-        inside: np.ndarray,
-        known: np.ndarray,
-        surface: np.ndarray,
-        normal: np.ndarray,
-    ) -> int:
-        """Correct in place the closest points that lie on the wrong side of the body; returns their number.
-
-        The inside vertices are visited from the outside ones by geodesic distance. A closest point is wrong where it
-        leaps away from that of the last good vertex on the way, or where its normal turns against it. The garment lies
-        over the body there as it does around: the wrong points are filled in harmonically from their neighbours and
-        brought onto the surface.
-        """
-        i, j = self._ends
-        touching = np.flatnonzero(inside[i] | inside[j])
-        i, j = i[touching], j[touching]
-        length = _length(vertices[i] - vertices[j]) + 1e-9
-        # Only the vertices inside and those next to them take part, under numbers of their own.
-        part = np.zeros(self.vertex_count, dtype=bool)
-        part[i] = part[j] = True
-        names = np.flatnonzero(part)
-        number = np.cumsum(part) - 1
-        graph = sp.coo_matrix((length, (number[i], number[j])), shape=(len(names), len(names))).tocsr()
-        shore = np.flatnonzero(~inside[names])
-        if len(shore) == 0:
-            return 0
-        far = names[shore][~known[names[shore]]]
-        if len(far):
-            hits = body.query(vertices[far])
-            surface[far], normal[far], known[far] = hits.point, hits.normal, True
-        # The ways below go along these edges: where none of them leaps, nothing is wrong.
-        leap = _length(surface[i] - surface[j]) > JUMP * length + self.settings.clearance
-        if not (leap | (np.einsum("nc,nc->n", normal[i], normal[j]) < 0.0)).any():
-            return 0
-        _, found, _ = dijkstra(graph, directed=False, indices=shore, return_predecessors=True, min_only=True)
-        parent = np.full(self.vertex_count, -1)
-        parent[names[found >= 0]] = names[found[found >= 0]]
-        waiting = inside & (parent >= 0)
-        last_good = np.arange(self.vertex_count)
-        while waiting.any():
-            level = np.nonzero(waiting & ~waiting[np.maximum(parent, 0)])[0]
-            good = last_good[parent[level]]
-            step = _length(vertices[level] - vertices[good])
-            leap = _length(surface[level] - surface[good]) > JUMP * step + self.settings.clearance
-            turned = np.einsum("nc,nc->n", normal[level], normal[good]) < 0.0
-            last_good[level] = np.where(leap | turned, good, level)
-            waiting[level] = False
-        is_wrong = last_good != np.arange(self.vertex_count)
-        wrong = np.nonzero(is_wrong)[0]
-        if len(wrong):
-            # Every wrong vertex has a way to a good one, so the system is definite.
-            known = self._graph_laplacian[wrong][:, ~is_wrong] @ surface[~is_wrong]
-            filled = spsolve(self._graph_laplacian[wrong][:, wrong].tocsc(), -known).reshape(-1, 3)
-            hits = body.query(filled)
-            surface[wrong], normal[wrong] = hits.point, hits.normal
-        return len(wrong)
 
 
 def refine_sequence(

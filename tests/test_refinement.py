@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geometry.proximity import SurfaceQuery
-from geometry.topology import MeshTopology
+from geometry.topology import MeshTopology, vertex_normals
 from models.handle_solver import HandleSolver
 from models.last_resort import project_out
 from models.refinement import RefinementSettings, Refiner, refine_sequence
@@ -227,3 +227,71 @@ def test_bad_input_is_named() -> None:
         refine_sequence(np.stack([vertices] * 2), ball[None], topology, faces)
     with pytest.raises(ValueError, match="clearance"):
         RefinementSettings(clearance=0.0)
+
+
+def tube(radius: float, length: float, around: int, along: int) -> tuple[np.ndarray, MeshTopology]:
+    """Open tube along z, faces outwards: vertices [around * along, 3] and connectivity."""
+    angle, z = np.meshgrid((np.arange(around) + 0.5) * 2 * np.pi / around, np.linspace(-length / 2, length / 2, along))
+    vertices = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=-1).reshape(-1, 3)
+    index = np.arange(around * along).reshape(along, around)
+    a, b = index[:-1], index[1:]
+    c, d = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
+    faces = np.concatenate([np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, c, b), (b, c, d))])
+    return vertices, MeshTopology.from_faces(faces, len(vertices))
+
+
+@pytest.mark.parametrize("outwards", [True, False])
+def test_a_sleeve_that_sank_into_its_arm_is_not_drawn_through_it(outwards: bool) -> None:
+    # The under side of the sleeve lies above the arm's axis: its closest surface is in front or behind, not below.
+    sleeve, topology = tube(radius=0.052, length=0.3, around=20, along=13)
+    sunk = np.exp(-np.square(sleeve[:, 2] / 0.06)) * np.maximum(0.0, -sleeve[:, 1] / 0.052)
+    sleeve[:, 1] += 0.056 * sunk
+    if not outwards:
+        topology = MeshTopology.from_faces(topology.faces[:, ::-1], len(sleeve))
+    arm, faces = solid(24, 28, radius=0.045, half_length=0.3)
+    query = SurfaceQuery(faces, len(arm))
+    assert query.query(sleeve, arm).distance.min() < -0.03
+    refined, stats = refine_sequence(sleeve[None], arm[None], topology, faces, RefinementSettings(edges=True))
+    assert stats.inside_after == 0 and stats.redirected > 0
+    i, j = topology.edges.T
+    assert query.query(0.5 * (refined[0][i] + refined[0][j]), arm).distance.min() > -0.002
+    length, before = (np.linalg.norm(v[i] - v[j], axis=1) for v in (refined[0], sleeve))
+    assert (length - before).max() < 0.045, "the sleeve is torn to both sides of the arm"
+    assert refined[0][:, 1].min() < -0.04, "the sleeve is not around the arm"
+
+
+def test_an_elbow_in_a_shirt_is_not_wrapped() -> None:
+    # An arm is pressed into the side of a shirt: its cloth goes behind it, although its own normals lead
+    # through the arm.
+    side, topology = sheet(30, size=0.6)
+    facing = np.sign(vertex_normals(side[None], topology.faces)[0, :, 1].mean())
+    arm, faces = solid(24, 28, radius=0.045, half_length=0.1)
+    # A second limb under the shirt, as the trunk is, tells which of its faces is the outer one.
+    trunk = arm - [0.2, facing * 0.047, 0.0]
+    both = np.concatenate([faces, faces + len(arm)])
+    refiner = Refiner(topology, both, 2 * len(arm), RefinementSettings(edges=True))
+    for height in (0.008, 0.004):
+        refined, stats = refiner.refine_frame(side, np.concatenate([arm + [0.05, facing * height, 0.0], trunk]))
+        assert stats.inside > 20 and stats.inside_after == 0
+        assert (facing * refined[:, 1]).max() < 0.03, "the shirt is wrapped about the arm"
+
+
+def test_edges_come_out_where_vertices_take_every_solve() -> None:
+    # Two limbs run through each other, where vertices stay inside to the last; beside them a ball between vertices.
+    limb, faces = solid(16, 14, radius=0.05, half_length=0.3)
+    ball, round_ = solid(16, 24, radius=0.008)
+    across = limb[:, [2, 0, 1]] + [0.0, 0.02, 0.0]
+    vertices, topology = sheet(30, size=0.5)
+    near = 0.5 * (vertices[4 * 30 + 4] + vertices[5 * 30 + 4])
+    body = np.concatenate([limb, across, ball + near - [0.0, 0.006, 0.0]])
+    every = np.concatenate([faces, faces + len(limb), round_ + 2 * len(limb)])
+    alone, (i, j) = SurfaceQuery(round_, len(ball)), topology.edges.T
+
+    def cut_edges(v: np.ndarray) -> int:
+        return int((alone.query(0.5 * (v[i] + v[j]), body[-len(ball) :]).distance < 0.0).sum())
+
+    assert cut_edges(vertices) > 0
+    refiner = Refiner(topology, every, len(body), RefinementSettings(clearance=0.002, edges=True, iterations=2))
+    refined, stats = refiner.refine_frame(vertices, body)
+    assert stats.projected > 0, "no vertex is inside to the last"
+    assert cut_edges(refined) == 0
