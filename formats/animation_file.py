@@ -20,7 +20,7 @@ import h5py
 import hdf5plugin
 import numpy as np
 
-from formats.animation import MAX_POINTS, AnimatedMesh, Animation
+from formats.animation import MAX_POINTS, PELVIS_HEIGHT, AnimatedMesh, Animation
 from formats.target import refuse_existing, write_bytes
 from motions.clip import Clip
 
@@ -29,6 +29,8 @@ VERSION = 1
 UNITS = "frames: [m], y up; pose: axis-angle [rad], SMPL joint order; root: [m]; fps: [Hz]; colour: sRGB, 0 to 1"
 FRAMES_PER_CHUNK = 8
 MAX_MESHES = 64
+LOWEST, HIGHEST = 0.2, 2.5
+"""Of a pelvis above the ground [m]."""
 LARGEST_CHUNK = 256 * 2**20
 """Bytes of a stored chunk, at most: what one read takes from memory, whatever the size of the dataset."""
 
@@ -74,12 +76,20 @@ def load_animation(path: str | os.PathLike) -> Animation:
         return _animation(file)
 
 
-def load_clip(path: str | os.PathLike) -> Clip:
-    """The motion of an animation file, without its meshes; ``ValueError`` where it has none, else as above."""
+def load_clip(path: str | os.PathLike) -> tuple[Clip, float | None]:
+    """The motion of an animation file, without its meshes, and how high its body's pelvis is at rest [m] where it says.
+
+    ``ValueError`` where it has none, else as above.
+    """
     with _opened(path) as file:
         if "clip" not in file:
             raise ValueError("the animation was saved without its motion")
-        return _clip(file["clip"], _number(file, "fps"))
+        height = _notes(file).get(PELVIS_HEIGHT)
+        if height is not None and not (isinstance(height, int | float) and LOWEST <= height <= HIGHEST):
+            raise ValueError(
+                f"its body's pelvis is {height!r} m above the ground, {LOWEST:g} to {HIGHEST:g} are allowed"
+            )
+        return _clip(file["clip"], _number(file, "fps")), height
 
 
 class _opened:

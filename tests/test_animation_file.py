@@ -9,10 +9,14 @@ import h5py
 import numpy as np
 import pytest
 
-from formats.animation import Animation
+from body.model import Body
+from formats.animation import PELVIS_HEIGHT, Animation
 from formats.animation_file import load_animation
 from formats.motion_file import read_motion
 from formats.save import save_animation
+from motions.procedural import generate_clip
+from motions.quality import measure
+from runtime.motion_making import on_body
 from tests.moving_tube import FPS, moving, turning_walk, walk
 
 
@@ -32,6 +36,29 @@ def test_own_file_gives_everything_back(tmp_path: Path, animation: Animation) ->
     np.testing.assert_array_equal(again.meshes[0].uv, full.meshes[0].uv)
     np.testing.assert_array_equal(again.clip.pose, full.clip.pose)
     np.testing.assert_array_equal(read_motion(tmp_path / "a.h5").root, full.clip.root)
+
+
+def test_the_motion_of_another_body_stands_on_the_ground_of_this_one(tmp_path: Path, animation: Animation) -> None:
+    # A squat: the root goes down as far as the legs of the body that made it are long.
+    body = Body.load("small")
+    clip = generate_clip("squat", 0, 40, FPS, 1, body)
+    animation = replace(animation, meshes=(replace(animation.meshes[0], frames=moving(40)),))
+    for shape in ((3.0,), (-3.0,), (0.0,)):
+        other = body.shaped(np.array(shape))
+        worn = on_body(clip, body, other)
+        notes = {PELVIS_HEIGHT: float(other.joints[0, 1])}
+        path = save_animation(tmp_path / f"{shape[0]}.h5", replace(animation, clip=worn, notes=notes))
+        read = read_motion(path, body=body)
+        np.testing.assert_allclose(read.root, clip.root, atol=1e-6)
+        assert measure(read, body).penetration_m < 2e-4
+        np.testing.assert_array_equal(read_motion(path, body=other).root, worn.root)
+    assert measure(on_body(clip, body, body.shaped(np.array([3.0]))), body).penetration_m > 0.02
+    for height in (float("nan"), 0.0, -1.0, 1e9, "tall"):
+        wrong = save_animation(tmp_path / "w.h5", replace(animation, clip=clip, notes={PELVIS_HEIGHT: height}), True)
+        with pytest.raises(
+            ValueError, match=r"w\.h5: its body's pelvis is .* m above the ground, 0.2 to 2.5 are allowed"
+        ):
+            read_motion(wrong, body=body)
 
 
 def _set_attribute(name: str, value: object):

@@ -11,6 +11,7 @@ import pytest
 from body.model import Body
 from formats.animation import Animation
 from formats.animation_file import load_animation
+from formats.motion_file import read_motion
 from geometry.proximity import SurfaceQuery
 from pipeline import dress, generate
 from runtime.finished_run import FinishedRun
@@ -73,6 +74,10 @@ def test_material_and_body_are_told(run, tmp_path):
     expected = Body.load("small").shaped(np.array([2.0])).posed(tall.clip.pose, tall.clip.root)
     np.testing.assert_allclose(tall.meshes[1].frames, expected, atol=1e-4)
     assert tall.notes["shape_0"] == 2.0
+    # Opened as a motion, it is again that of the run's own body.
+    (path,) = (tmp_path / "tall").glob("*.h5")
+    np.testing.assert_allclose(read_motion(path, body=Body.load("small")).root, base.clip.root, atol=1e-6)
+    assert np.abs(tall.clip.root - base.clip.root).max() > 1e-3
 
 
 @pytest.mark.parametrize("solver", ["learned", "xpbd"])
