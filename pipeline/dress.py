@@ -3,9 +3,10 @@
     python -m pipeline.dress --motion walk.bvh --garment tshirt --format glb,mp4
     python -m pipeline.dress --motion clip.npz --garment skirt --set bend=5e-5 --shape 1 -0.5
     python -m pipeline.dress --motion walk.bvh --garment skirt --solver xpbd --set wind_speed=3
+    python -m pipeline.dress --motion walk.bvh --garment skirt --plant
 
 The network dresses it in a moment; --solver xpbd simulates it, to compare or as final quality. The motion is brought to
-the frame rate that the run was trained at.
+the frame rate that the run was trained at. Feet slide in recordings, at 0.1 to 0.2 m/s; with --plant they do not.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from pathlib import Path
 from formats.animation import plain_name
 from formats.motion_file import read_motion
 from pipeline.command import Output, add_output, add_wearing, asked_garment, asked_wearing, run_command
+from pipeline.planting_options import add_planting, as_planted
 from runtime.dressing import dress, simulate
 
 LEARNED, XPBD = "learned", "xpbd"
@@ -33,6 +35,7 @@ def define(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--solver", choices=(LEARNED, XPBD), default=LEARNED, help="who dresses it (%(default)s)")
     parser.add_argument("--first", type=int, default=0, help="first frame that is dressed (%(default)s)")
     parser.add_argument("--frames", type=int, help="how many frames; all that follow by default")
+    add_planting(parser)
     add_output(parser)
 
 
@@ -50,7 +53,7 @@ def dress_file(options: argparse.Namespace) -> None:
             f"0 to {clip.frames - 1} are allowed"
         )
     name = plain_name(f"{garment.name}_{options.clip or Path(options.motion).stem}_{options.solver}")
-    part = slice(options.first, last)
+    part, clip = slice(options.first, last), as_planted(options, clip, run.body)
     clip = replace(clip, pose=clip.pose[part], root=clip.root[part])
     paths = output.paths(name)
     dressed = dress(clip, wearing, not options.no_refine) if learned else simulate(clip, wearing)

@@ -10,6 +10,7 @@ import numpy as np
 from formats.animation import plain_name
 from motions.clip import Clip
 from pipeline.command import Output
+from pipeline.planting_options import add_planting, as_planted
 from runtime.asked_motion import asked_motion, stretch
 from runtime.composing import Composed, Composer
 from runtime.finished_run import FinishedRun, LearnedGarment
@@ -42,6 +43,7 @@ def add_motion(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of an invented motion (%(default)s)")
     parser.add_argument("--first", type=int, default=0, help="first frame that is taken (%(default)s)")
     parser.add_argument("--frames", type=int, help="how many frames; all of them, or the run's length, by default")
+    add_planting(parser)
 
 
 def add_keyframes(parser: argparse.ArgumentParser) -> None:
@@ -75,7 +77,7 @@ def asked_clip(options: argparse.Namespace, run: FinishedRun) -> Clip:
     # An invented motion is as long as asked for, so that a stretch of it is there too.
     frames = None if options.frames is None else options.first + options.frames
     clip = asked_motion(run, options.motion, options.clip, frames, options.seed)
-    return stretch(clip, options.first, options.frames)
+    return stretch(as_planted(options, clip, run.body), options.first, options.frames)
 
 
 def asked_keyframes(options: argparse.Namespace) -> list[KeyframeWish]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -86,6 +87,12 @@ def _order(labels: Sequence[str], frames: int, segment: int, overlap: int) -> tu
     length = min(segment, max(length, 2 * overlap + 1))
     assert chained_length(len(order), length, overlap) >= frames or length == segment
     return order, length
+
+
+def planted(clip: Clip, body: Body) -> Clip:
+    """The clip with feet that neither slide nor sink into the ground (``motions.planting``), made by a body."""
+    pose, root = plant_feet(clip.pose, clip.root, body, clip.fps)
+    return replace(clip, pose=pose, root=root)
 
 
 def clip_track(clip: Clip, body: Body, lead: int) -> MotionTrack:

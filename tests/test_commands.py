@@ -13,6 +13,9 @@ from formats.animation import Animation
 from formats.animation_file import load_animation
 from formats.motion_file import read_motion
 from geometry.proximity import SurfaceQuery
+from motions.clip_file import write_clips
+from motions.procedural import generate_clip
+from motions.quality import measure
 from pipeline import dress, generate
 from runtime.finished_run import FinishedRun
 
@@ -92,6 +95,25 @@ def test_a_motion_file_is_dressed(run, tmp_path, solver, capsys):
     assert ("before refinement, 0 left" in said) == (solver == "learned")
     assert worn.clip.frames == 9 and worn.notes["solver"] == solver
     assert {mesh.name for mesh in worn.meshes} == {"tshirt", "body"}
+
+
+def test_feet_of_a_motion_file_are_planted_where_asked(run, tmp_path, capsys):
+    body = Body.load("small")
+    clip = generate_clip("walk", 0, 24, FinishedRun.open(run).fps, 1, body)
+    slid = clip.root + np.float32(0.03) * np.sin(np.arange(24) / 6.0)[:, None].astype(np.float32) * (1.0, 0.0, 0.0)
+    write_clips(tmp_path / "slid.h5", [replace(clip, root=slid)])
+    skate = {}
+    for name, given in (("as it is", []), ("planted", ["--plant"])):
+        command = ["--run", str(run), "--garment", "skirt", "--motion", str(tmp_path / "slid.h5"), *given]
+        dress.main([*command, "--first", "4", "--out", str(tmp_path / name), "--format", "h5"])
+        (path,) = (tmp_path / name).glob("*.h5")
+        worn = load_animation(path)
+        skate[name] = measure(worn.clip, body).skate_m_s
+        assert vertices_inside(worn) == 0 and worn.frames == 20
+        np.testing.assert_allclose(worn.mesh("body").frames, body.posed(worn.clip.pose, worn.clip.root), atol=1e-5)
+    said = capsys.readouterr().out
+    assert skate["as it is"] > 0.1 and skate["planted"] < 0.015
+    assert said.count("[plant]") == 1 and "touching feet slid up to 0.1" in said
 
 
 MISTAKES = {
