@@ -8,25 +8,63 @@ the run of frames with one phi and one clip; its z is that of all its frames tog
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from evaluation.metrics import rmse
 from evaluation.table import Row
-from models.intrinsic_fitting import decode_frames, encode_frames, frame_evidence, pooled
+from models.intrinsic_fitting import decode_frames, frame_evidence, pooled
 from models.motion_invariant import MotionInvariantNetwork
 from models.same_phi import IntrinsicFrames
 from models.shape_descriptor import ShapeDescriptor, decode_all
 
 
+@dataclass(frozen=True)
+class ReadFrames:
+    """Frames with what a network says of z in each of them, which is computed once, whatever is asked of them.
+
+    Attributes:
+        network: In eval mode.
+        frames: N of them, in time order within a sequence.
+        values, weights: ``frame_evidence`` of the frames, shape [N, Z] each.
+    """
+
+    network: MotionInvariantNetwork
+    frames: IntrinsicFrames
+    values: np.ndarray
+    weights: np.ndarray
+
+    @classmethod
+    def of(cls, network: MotionInvariantNetwork, frames: IntrinsicFrames) -> ReadFrames:
+        """Read all frames."""
+        return cls(network, frames, *frame_evidence(network, frames))
+
+    def at(self, index: np.ndarray) -> ReadFrames:
+        """The frames of the given numbers."""
+        return ReadFrames(self.network, self.frames.at(index), self.values[index], self.weights[index])
+
+    def latent(self, index: np.ndarray) -> np.ndarray:
+        """The z [Z] of the frames of the given numbers together."""
+        return pooled(self.network, self.values[index], self.weights[index])
+
+    def single_latents(self) -> np.ndarray:
+        """The z [N, Z] of each frame alone."""
+        return pooled(self.network, self.values[None], self.weights[None])
+
+    def sequence_latents(self) -> tuple[np.ndarray, np.ndarray]:
+        """The z of each sequence [S, Z], and its phi [S]."""
+        runs = sequences_of(self.frames)
+        return np.stack([self.latent(index) for index in runs.values()]), np.array([phi for phi, _ in runs])
+
+
 def transfer_rows(
     descriptor: ShapeDescriptor,
-    network: MotionInvariantNetwork,
-    frames: IntrinsicFrames,
+    test: ReadFrames,
     vertices: np.ndarray,
-    training: IntrinsicFrames,
+    training: ReadFrames,
     split: str,
-    sources: IntrinsicFrames | None = None,
+    sources: ReadFrames | None = None,
     seed: int = 0,
     stride: int = 1,
 ) -> list[Row]:
@@ -34,12 +72,11 @@ def transfer_rows(
 
     Args:
         descriptor: The frozen shape descriptor that made the frames' descriptors.
-        network: What is evaluated.
-        frames: Test frames, in time order within a sequence.
+        test: Test frames, read by the network that is evaluated.
         vertices: Their simulated garments [m], shape [N, V, 3].
         training: The network's training frames: the mean z and the mean shape of the controls come from them.
         split: Name for the rows.
-        sources: Frames that z may be taken from where the split holds a phi with one clip only (default: ``frames``).
+        sources: Frames that z may be taken from where the split holds a phi with one clip only (default: ``test``).
         seed: Of the choice of single frames, source clips and wrong phi.
         stride: Frames from one measured frame of a sequence to the next; z is always taken from all.
 
@@ -53,38 +90,36 @@ def transfer_rows(
     Raises:
         ValueError: no sequence has a second clip with its phi, or shapes disagree.
     """
+    network, frames = test.network, test.frames
     if len(vertices) != len(frames.descriptors):
         raise ValueError(f"transfer: {len(frames.descriptors)} frames, but {len(vertices)} garments")
-    sources = frames if sources is None else sources
+    sources = test if sources is None else sources
     generator = np.random.default_rng(seed)
-    values, weights = frame_evidence(network, sources)
-    runs = sequences_of(sources)
-    mean_latent = sequence_latents(network, training)[0].mean(axis=0)
-    mean_descriptor = training.descriptors.mean(axis=0, keepdims=True)
+    runs = sequences_of(sources.frames)
+    mean_latent = training.sequence_latents()[0].mean(axis=0)
+    mean_descriptor = training.frames.descriptors.mean(axis=0, keepdims=True)
     errors: dict[str, list[float]] = {}
-
-    def z_of(index: np.ndarray) -> np.ndarray:
-        return pooled(network, values[index], weights[index])
 
     for (phi, clip), index in sequences_of(frames).items():
         others = [key for key in runs if key[0] == phi and key[1] != clip]
         if not others:
             continue
         source = runs[others[generator.integers(len(others))]]
-        wrong = _wrong_phi(runs, phi, sources.clip[source[0]], generator)
+        wrong = _wrong_phi(runs, phi, sources.frames.clip[source[0]], generator)
         measured = index[::stride]
-        truth, seen = vertices[measured], frames.at(measured)
+        truth, seen = vertices[measured], test.at(measured)
         latents: dict[str, np.ndarray] = {
-            "own reconstruction": encode_frames(network, seen),
-            "transfer, z of a clip": z_of(source),
-            "transfer, z of one frame": z_of(generator.choice(source, 1)),
-            "transfer, z of all other clips": z_of(np.concatenate([runs[key] for key in others])),
+            "own reconstruction": seen.single_latents(),
+            "transfer, z of a clip": sources.latent(source),
+            "transfer, z of one frame": sources.latent(generator.choice(source, 1)),
+            "transfer, z of all other clips": sources.latent(np.concatenate([runs[key] for key in others])),
         }
         if wrong is not None:
-            latents["wrong phi, z of a clip"] = z_of(wrong)
+            latents["wrong phi, z of a clip"] = sources.latent(wrong)
         latents["mean z"] = mean_latent
-        predictions = {name: decode_frames(network, z, seen.signatures[:]) for name, z in latents.items()}
-        predictions = {"descriptor floor": seen.descriptors, **predictions}
+        signatures = seen.frames.signatures[:]
+        predictions = {name: decode_frames(network, z, signatures) for name, z in latents.items()}
+        predictions = {"descriptor floor": seen.frames.descriptors, **predictions}
         predictions["mean shape"] = np.repeat(mean_descriptor, len(measured), axis=0)
         names, codes = list(predictions), np.concatenate(list(predictions.values()))
         for name, decoded in zip(names, np.split(decode_all(descriptor, codes), len(names)), strict=True):
@@ -97,18 +132,18 @@ def transfer_rows(
     ]
 
 
-def variance_row(network: MotionInvariantNetwork, frames: IntrinsicFrames, split: str) -> Row:
+def variance_row(test: ReadFrames, split: str) -> Row:
     """Variance of z within one phi over the variance of its means across phi; 0 = motion-invariant.
 
     ``ratio`` is of single frames, as is the variance in the paper's loss (section 3.4; the paper prints no figure), and
     the harder one: a frame tells little of some materials. ``clip_ratio`` is of the z of each sequence. None with fewer
     than two phi, or where z does not vary at all.
     """
-    latents, owners = sequence_latents(network, frames)
+    (latents, owners), phi = test.sequence_latents(), np.asarray(test.frames.phi)
     return {
         "split": split,
-        "phi_count": len(np.unique(frames.phi)),
-        "ratio": variance_ratio(encode_frames(network, frames), np.asarray(frames.phi)),
+        "phi_count": len(np.unique(phi)),
+        "ratio": variance_ratio(test.single_latents(), phi),
         "clip_ratio": variance_ratio(latents, owners),
     }
 
@@ -151,14 +186,6 @@ def sequences_of(frames: IntrinsicFrames) -> dict[tuple[int, int], np.ndarray]:
     order = np.argsort(inverse, kind="stable")
     parts = np.split(order, np.cumsum(np.bincount(inverse))[:-1])
     return {(int(p), int(c)): part for (p, c), part in zip(unique, parts, strict=True)}
-
-
-def sequence_latents(network: MotionInvariantNetwork, frames: IntrinsicFrames) -> tuple[np.ndarray, np.ndarray]:
-    """The z of each sequence [S, Z], and its phi [S]."""
-    values, weights = frame_evidence(network, frames)
-    runs = sequences_of(frames)
-    latents = np.stack([pooled(network, values[index], weights[index]) for index in runs.values()])
-    return latents, np.array([phi for phi, _ in runs])
 
 
 def _wrong_phi(

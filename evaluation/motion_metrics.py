@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.topology import lengths
+
 DIVERSITY_PAIRS = 200
 MULTIMODALITY_PAIRS = 20
 CONTINUITY_PERCENTILE = 99.9
@@ -102,7 +104,7 @@ def label_spread(joints: np.ndarray, classes: np.ndarray) -> float:
     spreads = []
     for number in np.unique(classes):
         members = joints[classes == number]
-        distances = [np.linalg.norm(members[n + 1 :] - one, axis=-1).mean(axis=(1, 2)) for n, one in enumerate(members)]
+        distances = [lengths(members[n + 1 :] - one).mean(axis=(1, 2)) for n, one in enumerate(members)]
         if len(members) > 1:
             spreads.append(np.concatenate(distances).mean())
     return float(np.mean(spreads)) if spreads else float("nan")
@@ -115,8 +117,9 @@ def nearest_distance(joints: np.ndarray, classes: np.ndarray, known: np.ndarray,
         joints, known: Joint positions [m], shapes [N, T, J, 3] and [M, T, J, 3].
         classes, known_classes: Class numbers, N and M; every class of ``classes`` is known.
     """
+    of_class = {number: known[known_classes == number] for number in np.unique(classes)}
     nearest = [
-        np.linalg.norm(known[known_classes == number] - motion, axis=-1).mean(axis=(1, 2)).min()
+        lengths(of_class[number] - motion).mean(axis=(1, 2)).min()
         for motion, number in zip(joints, classes, strict=True)
     ]
     return float(np.mean(nearest))
@@ -138,4 +141,4 @@ def _accelerations(joints: np.ndarray, fps: float) -> np.ndarray:
     if joints.ndim != 4 or joints.shape[1] < 3 or joints.shape[3] != 3:
         raise ValueError(f"joints: expected shape [N, T >= 3, J, 3], got {list(joints.shape)}")
     second = joints[:, 2:] - 2.0 * joints[:, 1:-1] + joints[:, :-2]
-    return np.linalg.norm(second.astype(np.float64), axis=-1) * fps**2
+    return lengths(second.astype(np.float64)) * fps**2

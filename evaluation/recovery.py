@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from evaluation.intrinsic import sequence_latents
+from evaluation.intrinsic import ReadFrames
 from evaluation.ridge import Ridge
 from evaluation.table import Row
 from models.intrinsic_fitting import decode_frames
@@ -27,9 +27,8 @@ EFFECT_FRAMES = 200
 
 
 def recovery_rows(
-    network: MotionInvariantNetwork,
-    training: IntrinsicFrames,
-    tests: Mapping[str, IntrinsicFrames],
+    training: ReadFrames,
+    tests: Mapping[str, ReadFrames],
     parameters: Mapping[int, Mapping[str, float]],
     logarithmic: Collection[str] = (),
 ) -> list[Row]:
@@ -40,8 +39,7 @@ def recovery_rows(
     the mean prediction over the sequences of a phi.
 
     Args:
-        network: What is evaluated.
-        training: Sequences that the regression learns from.
+        training: Sequences that the regression learns from, read by the network that is evaluated.
         tests: Sequences of phi (and motions) that it has not seen, by split.
         parameters: Values by name, by number of the parameter set; names that do not vary in training are left out.
         logarithmic: Names that are regressed as their logarithm.
@@ -50,7 +48,7 @@ def recovery_rows(
     values = {
         phi: np.array([scale_value(p[name], name in logarithmic) for name in names]) for phi, p in parameters.items()
     }
-    x, phi = sequence_latents(network, training)
+    x, phi = training.sequence_latents()
     y = np.stack([values[p] for p in phi])
     varied = np.flatnonzero(y.std(axis=0) > 1e-9)
     held_out = np.isin(phi, np.unique(phi)[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY])
@@ -63,7 +61,7 @@ def recovery_rows(
     ridge.fit()
     rows: list[Row] = []
     for split, frames in tests.items():
-        x_test, phi_test = sequence_latents(network, frames)
+        x_test, phi_test = frames.sequence_latents()
         truth = (np.stack([values[p] for p in phi_test])[:, varied] - centre) / spread
         predicted = ridge.predict(x_test)
         single = _r_squared(predicted, truth)
@@ -123,9 +121,8 @@ def effects_mm(
                 frames.clip[rows],
                 np.broadcast_to(vector, (len(rows), len(vector))),
             )
-            ends.append(
-                decode_all(descriptor, decode_frames(network, sequence_latents(network, shapes)[0][0], signatures))
-            )
+            latents, _ = ReadFrames.of(network, shapes).sequence_latents()
+            ends.append(decode_all(descriptor, decode_frames(network, latents[0], signatures)))
         found[name] = 0.5e3 * float(np.sqrt(np.square(ends[1] - ends[0]).sum(-1).mean()))
     return found
 

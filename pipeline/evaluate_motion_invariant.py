@@ -14,7 +14,7 @@ from datasets.codes import CodedSequence
 from datasets.sequences import to_canonical
 from datasets.shards import MATERIALS
 from datasets.splits import TRAIN, UNSEEN_BOTH, UNSEEN_MOTIONS, UNSEEN_PARAMETERS
-from evaluation.intrinsic import against_controls, transfer_rows, variance_row
+from evaluation.intrinsic import ReadFrames, against_controls, transfer_rows, variance_row
 from evaluation.recovery import effects_mm, recovery_rows
 from evaluation.seeds import average_seeds
 from evaluation.table import Row, merge_tables, write_table
@@ -66,23 +66,22 @@ def main(job: Job) -> None:
     for name, network in zip(names, networks, strict=True):
         # All splits at once, so that a clip has the same number in each of them.
         frames = intrinsic_frames(sequences, codes, network.config, varied)
-        training = frames.at(of_split[TRAIN])
+        read = ReadFrames.of(network, frames)
+        training = read.at(of_split[TRAIN])
         labels: Row = {"variant": name, "window": network.config.window}
         for split, vertices in truth.items():
-            test = frames.at(of_split[split])
-            pool = frames.at(np.concatenate([of_split[other] for other in SOURCES[split]]))
+            test = read.at(of_split[split])
+            pool = read.at(np.concatenate([of_split[other] for other in SOURCES[split]]))
             stride = spec["evaluation"]["frames_stride"]
-            rows = transfer_rows(
-                descriptor, network, test, vertices, training, split, pool, spec["seed"], stride=stride
-            )
-            ratio = variance_row(network, test, split)
+            rows = transfer_rows(descriptor, test, vertices, training, split, pool, spec["seed"], stride=stride)
+            ratio = variance_row(test, split)
             ratios = {"variance_ratio": ratio["ratio"], "clip_variance_ratio": ratio["clip_ratio"]}
             transfer += [labels | row | ratios for row in rows]
-        tests = {split: frames.at(of_split[split]) for split in (UNSEEN_PARAMETERS, UNSEEN_BOTH) if split in truth}
+        tests = {split: read.at(of_split[split]) for split in (UNSEEN_PARAMETERS, UNSEEN_BOTH) if split in truth}
         if network.config.variant == "true-parameters":
-            effects = _effects(descriptor, network, training, sequences, varied)
+            effects = _effects(descriptor, network, training.frames, sequences, varied)
         elif network.config.variant != "motion-only":
-            recovery += merge_tables([recovery_rows(network, training, tests, parameters, LOGARITHMIC)], **labels)
+            recovery += merge_tables([recovery_rows(training, tests, parameters, LOGARITHMIC)], **labels)
     recovery = [row | {"effect_mm": effects.get(row["parameter"])} for row in recovery]
     transfer = average_seeds(against_controls(transfer), ["rmse_mm", "clip_variance_ratio"])
     write_table(job.outputs[0], merge_tables([transfer], garment=spec["garment"]))

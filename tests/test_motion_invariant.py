@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from evaluation.intrinsic import against_controls, sequences_of, transfer_rows, variance_ratio, variance_row
+from evaluation.intrinsic import ReadFrames, against_controls, sequences_of, transfer_rows, variance_ratio, variance_row
 from evaluation.recovery import effects_mm, recovery_rows
 from models.checkpoint import save_model
 from models.intrinsic_fitting import (
@@ -326,18 +326,29 @@ def test_z_separates_material_from_motion(variant, epochs, tmp_path):
     descriptor = identity_descriptor()
     with torch.no_grad():
         vertices = descriptor.decode(torch.from_numpy(tests.descriptors)).numpy()
-    rows = transfer_rows(descriptor, network, tests, vertices, training, "unseen_parameters")
+    training, tests = (ReadFrames.of(network, frames) for frames in (training, tests))
+    rows = transfer_rows(descriptor, tests, vertices, training, "unseen_parameters")
     error = {row["quantity"]: row["rmse_mm"] for row in rows}
     assert error["descriptor floor"] < 1.0
     assert error["transfer, z of a clip"] < 0.6 * error["mean z"]
     assert error["transfer, z of a clip"] < 0.6 * error["wrong phi, z of a clip"]
     assert all(row["sequences"] == 8 * CLIPS for row in rows)
-    ratios = variance_row(network, tests, "unseen_parameters")
+    ratios = variance_row(tests, "unseen_parameters")
     assert ratios["clip_ratio"] < 0.1 and ratios["clip_ratio"] < ratios["ratio"]
     _, parameters = material_frames(range(12))
-    recovered = recovery_rows(network, training, {"x": tests}, parameters | test_parameters, {"stiffness"})
+    recovered = recovery_rows(training, {"x": tests}, parameters | test_parameters, {"stiffness"})
     assert [row["parameter"] for row in recovered] == ["stiffness"]
     assert recovered[0]["r_squared"] > 0.8
+
+
+def test_frames_read_once_say_what_they_say_when_read_apart(tmp_path):
+    network, training = fitted("pooled", tmp_path, 1)
+    read, some = ReadFrames.of(network, training), np.arange(5, 40)
+    assert np.allclose(read.at(some).single_latents(), encode_frames(network, training.at(some)), atol=1e-6)
+    latents, owners = read.sequence_latents()
+    for (phi, _), index, z, owner in zip(*zip(*sequences_of(training).items()), latents, owners, strict=True):
+        assert phi == owner
+        assert np.allclose(z, pooled(network, *frame_evidence(network, training.at(index))), atol=1e-6)
 
 
 def test_variance_ratio_by_hand():
@@ -353,11 +364,10 @@ def test_transfer_without_a_second_clip_is_refused(tmp_path):
     alone = IntrinsicFrames(
         *(getattr(training, n)[only] for n in ("descriptors", "signatures", "phi", "clip", "parameters"))
     )
+    training, alone = (ReadFrames.of(network, frames) for frames in (training, alone))
     with pytest.raises(ValueError, match="nothing to transfer"):
-        transfer_rows(identity_descriptor(), network, alone, np.zeros((FRAMES, 4, 3)), training, "x")
-    rows = transfer_rows(
-        identity_descriptor(), network, alone, np.zeros((FRAMES, 4, 3)), training, "x", sources=training
-    )
+        transfer_rows(identity_descriptor(), alone, np.zeros((FRAMES, 4, 3)), training, "x")
+    rows = transfer_rows(identity_descriptor(), alone, np.zeros((FRAMES, 4, 3)), training, "x", sources=training)
     assert {row["sequences"] for row in rows} == {1}
 
 
