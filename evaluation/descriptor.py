@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from evaluation.table import Row
-from geometry.topology import MeshTopology
+from geometry.topology import MeshTopology, by_coordinate
 from models.pca import fit_pca
 from models.shape_descriptor import ShapeDescriptor, decode_all, encode_all
 
@@ -87,10 +87,12 @@ def interpolate_shapes(module: ShapeDescriptor, first: np.ndarray, second: np.nd
 
 def _errors(truth: np.ndarray, rebuilt: np.ndarray, laplacian, clips: np.ndarray | None) -> Row:
     vertex, detail = [], []
-    for a, b in zip(truth, rebuilt, strict=True):
-        difference = b - a
-        vertex.append(np.sqrt(np.mean(np.sum(difference**2, axis=1))))
-        detail.append(np.sqrt(np.mean(np.sum((laplacian @ difference) ** 2, axis=1))))
+    for start in range(0, len(truth), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        difference = by_coordinate(rebuilt[block] - truth[block])
+        vertex.append(_rms_of_frames(difference))
+        detail.append(_rms_of_frames([laplacian @ d for d in difference]))
+    vertex, detail = np.concatenate(vertex), np.concatenate(detail)
     row: Row = {
         "frames": len(truth),
         "rmse_mm": 1e3 * float(np.mean(vertex)),
@@ -102,6 +104,11 @@ def _errors(truth: np.ndarray, rebuilt: np.ndarray, laplacian, clips: np.ndarray
         sums = np.bincount(number, weights=vertex) / np.bincount(number)
         row |= {"clips": len(sums), "clip_rmse_mm": 1e3 * float(np.mean(sums))}
     return row
+
+
+def _rms_of_frames(vectors: Sequence[np.ndarray]) -> np.ndarray:
+    """Root of the mean over vertices of the squared length, [T], of vectors by coordinate, [3, V, T]."""
+    return np.sqrt(np.mean(sum(v * v for v in vectors), axis=0, dtype=np.float64))
 
 
 def _by_blocks(frames: np.ndarray, function: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
