@@ -103,15 +103,17 @@ def load_sequences(
         splits: Splits that are wanted; all where None.
         plans: Plans that are wanted; where None those of ``ONE_BODY``, so that who knows of one body gets one body.
     """
+
+    def wanted(phi: int, take_index: int, label: str, body_index: int) -> bool:
+        return splits is None or rule.split(phi, take_index, label, body_index) in splits
+
     sequences = []
     for path in paths:
         header = read_header(path)
         if header.plan not in (ONE_BODY if plans is None else plans):
             continue
-        for s in read_sequences(path):
+        for s in read_sequences(path, wanted):
             split = rule.split(s.phi, s.take_index, s.label, s.body_index)
-            if splits is not None and split not in splits:
-                continue
             own = {name: getattr(s, name) for name in _OWN_FIELDS}
             shape = s.shape if len(s.shape) else header.body_shape
             shared = {"garment": header.garment, "plan": header.plan, "fps": header.fps, "shape": shape}

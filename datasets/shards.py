@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -197,26 +197,38 @@ def read_quality(path: str | os.PathLike) -> list[dict[str, float | str]]:
         return rows
 
 
-def read_sequences(path: str | os.PathLike) -> Iterator[SimulatedSequence]:
-    """The sequences of a shard, one at a time; ``ValueError`` names the shard and the sequence that is damaged."""
+def read_sequences(
+    path: str | os.PathLike, wanted: Callable[[int, int, str, int], bool] | None = None
+) -> Iterator[SimulatedSequence]:
+    """The sequences of a shard, one at a time; ``ValueError`` names the shard and the sequence that is damaged.
+
+    Args:
+        path: The shard.
+        wanted: Asked with ``phi``, ``take_index``, ``label`` and ``body_index`` of a sequence before its arrays are
+            read, which takes most of the time; all are wanted where None.
+    """
     with _open(path) as file:
         names = [n.decode() for n in file["parameters/names"][:]]
         count = len(file["garment/vertices"])
         for group in file["sequences"].values() if "sequences" in file else ():
+            phi, take_index = int(group.attrs["phi"]), int(group.attrs["take_index"])
+            # Shards from before there were body shapes lack their number, and the shape below.
+            body_index = int(group.attrs.get("body_index", 0))
+            if wanted is not None and not wanted(phi, take_index, group.attrs["label"], body_index):
+                continue
             quality = {
                 k.removeprefix("quality_"): _plain(v) for k, v in group.attrs.items() if k.startswith("quality_")
             }
             sequence = SimulatedSequence(
                 clip=group.attrs["clip"],
                 take=group.attrs["take"],
-                take_index=int(group.attrs["take_index"]),
+                take_index=take_index,
                 label=group.attrs["label"],
-                phi=int(group.attrs["phi"]),
+                phi=phi,
                 parameters=dict(zip(names, map(float, group["parameters"][:]))),
                 quality=quality,
-                # Shards from before there were body shapes lack both.
                 shape=np.asarray(group.attrs.get("shape", ()), dtype=np.float64),
-                body_index=int(group.attrs.get("body_index", 0)),
+                body_index=body_index,
                 **{name: group[name][:] for name in _ARRAYS},
             )
             _check_sequence(sequence, count, names)

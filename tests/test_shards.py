@@ -114,6 +114,21 @@ def test_a_sequence_knows_its_body_and_readers_of_one_body_get_one(tmp_path, hea
     assert old.body_index == 0 and list(old.shape) == [0.5, -0.5]
 
 
+def test_arrays_of_sequences_that_nobody_wants_are_not_read(tmp_path, header):
+    path, rule = tmp_path / "a.h5", SplitRule(parameters_every=4, takes_every=2)
+    with ShardWriter(path, header) as writer:
+        for phi in (3, 4):
+            writer.add(replace(make_sequence(phi), phi=phi, take_index=0))
+    with h5py.File(path, "a") as file:
+        del file["sequences/0000/vertices"]
+    assert [s.phi for s in read_sequences(path, lambda phi, *_: phi == 4)] == [4]
+    splits = [rule.split(phi, 0, "walk", 0) for phi in (3, 4)]
+    assert splits[0] != splits[1]
+    assert [s.phi for s in load_sequences([path], rule, (splits[1],))] == [4]
+    with pytest.raises(ValueError, match=r"a\.h5"):
+        load_sequences([path], rule, (splits[0],))
+
+
 def test_failure_leaves_no_file(tmp_path, header):
     with pytest.raises(RuntimeError), ShardWriter(tmp_path / "a.h5", header) as writer:
         writer.add(make_sequence())
