@@ -22,6 +22,14 @@ include: "pipeline/rules/arcsim.smk"
 include: "pipeline/rules/report.smk"
 
 
+# Snakemake limits how fast jobs are started, and to that end looks again some time after every look it takes: after a
+# hundred jobs, a hundred times as often, which takes up to a core; and at the end it waits for the last look. A run on
+# this machine needs no such limit: the end of a job starts the next one.
+onstart:
+    if workflow.local_exec:
+        workflow.scheduler.job_rate_limiter = None
+
+
 # The whole road. The other targets stop on the way: data, models, tables, report; smoke runs everything, tiny.
 rule all:
     default_target: True
