@@ -13,6 +13,7 @@ are as long as the run's clips are.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import cache
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from body.model import Body
 from datasets.sequences import Sequence, load_sequences
 from datasets.shards import LONG, MATERIALS
 from datasets.splits import TRAIN, UNSEEN_BOTH, UNSEEN_PARAMETERS, SplitRule
+from evaluation.collisions import KnownGarment
 from evaluation.composition import (
     CANONICAL,
     DESCRIPTORS,
@@ -119,10 +121,15 @@ def _ways(
 
         return fill
 
-    def inside(canonical: np.ndarray, frame: int) -> int:
+    @cache
+    def simulated(frame: int) -> KnownGarment:
         number = first + frame
         under = body.posed(sequence.pose[number : number + 1], sequence.root[number : number + 1])[0]
-        return int((query.query(canonical @ rotation[frame].T + position[frame], under).distance < 0.0).sum())
+        return KnownGarment(world[frame], query.at(under))
+
+    def inside(canonical: np.ndarray, frame: int) -> int:
+        made = canonical @ rotation[frame].T + position[frame]
+        return int((simulated(frame).distances(made) < 0.0).sum())
 
     methods: dict[str, Between] = {
         INTRINSIC: intrinsic(0.0),
