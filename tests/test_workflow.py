@@ -171,6 +171,16 @@ def test_a_wrong_config_ends_before_any_job(tmp_path):
     assert not (workflow.folder / "results").exists()
 
 
+def test_jobs_are_not_started_by_the_clock(tmp_path):
+    workflow = Workflow.at(tmp_path)
+    targets = ["results/smoke/config.json", "results/smoke/motions/batch_0000.h5"]
+    limit = ["--max-jobs-per-timespan", "1/15s"]
+    run = workflow.snakemake(*targets, "--cores", "1", "--configfile", CONFIG, *limit)
+    assert run.returncode == 0, run.stdout[-3000:]
+    assert "Job rate limit reached" not in run.stdout
+    assert all((workflow.folder / target).is_file() for target in targets)
+
+
 def test_packages_are_the_ones_of_this_checkout():
     import datasets
 
