@@ -16,8 +16,9 @@ class ConfigError(ValueError):
     """A mistake in a configuration file, in one sentence."""
 
 
-class _StrictLoader(yaml.SafeLoader):
-    """Refuses duplicate keys, where plain YAML silently keeps the last."""
+class _StrictLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+    """Refuses duplicate keys, where plain YAML silently keeps the last. With the parser written in C, where there is one:
+    Snakemake reads every file each time it starts."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
         seen = set()
