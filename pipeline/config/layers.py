@@ -17,8 +17,10 @@ class ConfigError(ValueError):
 
 
 class _StrictLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
-    """Refuses duplicate keys, where plain YAML silently keeps the last. With the parser written in C, where there is one:
-    Snakemake reads every file each time it starts."""
+    """Refuses duplicate keys, where plain YAML silently keeps the last.
+
+    With the parser written in C, where there is one: Snakemake reads every file each time it starts.
+    """
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict:
         seen = set()
