@@ -12,7 +12,7 @@ it reached six edges far, where the prediction was right: the error against the 
 labels; now it falls by 0.3%, at the same change of the Laplacian.
 
 Which side of the body a vertex belongs on says ``models.way_out``; what the constraints change is solved for by
-``models.handle_solver``. A frame of 5,787 vertices, 1% of them inside, takes 5 to 7 ms of one core.
+``models.handle_solver``. A frame of 5,787 vertices, 1% of them inside, takes 5 to 8 ms of one core.
 """
 
 from __future__ import annotations
@@ -31,6 +31,10 @@ HORIZON = 0.02
 """Least distance up to which the surface is looked up exactly [m]: with less, a vertex deep in a limb can be taken for
 one outside, because the first face that is found near it lies beyond a fold."""
 
+EDGE_MARGIN = 0.5
+"""Share of the clearance that an edge's midpoint must keep, or its ends are pushed until it keeps all: where edges only
+just come out, the body still shows through the triangles between them."""
+
 STEEPEST = 0.25
 """Depth of an edge's midpoint, over the edge's length, up to which the edge is brought out."""
 
@@ -44,8 +48,9 @@ class RefinementSettings:
         weight: omega, weight of the colliding vertices against the Laplacian.
         iterations: Most solves a frame; the paper needs fewer than 5.
         anchor: mu, weight that holds every vertex at its predicted place.
-        edges: Also bring edges out whose midpoint is inside between two vertices outside. The paper looks at vertices
-            alone; a coarse garment then shows the body through its triangles. Costs half as much again.
+        edges: Also bring edges out whose midpoint is inside, or all but so, between two vertices outside. The paper
+            looks at vertices alone; a coarse garment then shows the body through its triangles. Costs half as much
+            again.
     """
 
     clearance: float = 3.0e-3
@@ -215,15 +220,15 @@ class Refiner:
     def _buried_edges(
         self, body: PosedSurface, vertices: np.ndarray, safe: np.ndarray, middles: np.ndarray, free: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Ends of the edges whose midpoint is inside, with the push [m] that brings each end's deepest edge out.
+        """Ends of edges whose midpoint is inside or nearly so, with the push [m] that brings each end's deepest edge out.
 
-        Midpoints that cannot have got inside since they were last asked for are not asked for again.
+        Midpoints that cannot have got there since they were last asked for are not asked for again.
 
         Args:
             body, vertices: Of the frame.
             safe: How far each end may move before it can be inside [m], shape [V].
             middles: What this returned last for the frame; empty at first.
-            free: How far each midpoint may move from there before it can be inside [m], shape [E]; -1 where it was
+            free: How far each midpoint may move from there before it is to be pushed [m], shape [E]; -1 where it was
                 not asked for. Brought up to date in place.
 
         Returns:
@@ -243,12 +248,13 @@ class Refiner:
         if len(near) == 0:
             return np.zeros(0, dtype=np.int64), np.zeros((0, 3)), middles
         hits = body.query(now)
-        middles[near], free[near] = now, np.maximum(hits.distance, 0.0)
+        margin = EDGE_MARGIN * self.settings.clearance
+        middles[near], free[near] = now, np.maximum(hits.distance - margin, 0.0)
         # An edge deeper than that runs through a limb or a fold, not over it: pushing its ends tears at the garment.
-        buried = np.flatnonzero((hits.distance < 0.0) & (-hits.distance < STEEPEST * length[near]))
+        buried = np.flatnonzero((hits.distance < margin) & (-hits.distance < STEEPEST * length[near]))
         # From the shallowest to the deepest: of several edges at one end, the deepest is written last and stays.
         buried = buried[np.argsort(-hits.distance[buried], kind="stable")]
-        move = (0.5 * self.settings.clearance - hits.distance[buried])[:, None] * hits.normal[buried]
+        move = (self.settings.clearance - hits.distance[buried])[:, None] * hits.normal[buried]
         push = np.zeros_like(vertices)
         push[self.edges[near[buried]].reshape(-1)] = np.repeat(move, 2, axis=0)
         ends = np.unique(self.edges[near[buried]])

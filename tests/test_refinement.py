@@ -89,6 +89,19 @@ def test_body_between_the_vertices_of_a_coarse_sheet() -> None:
     assert stats.largest_move < 0.02
 
 
+def test_body_is_not_seen_through_a_triangle_whose_edges_touch_it() -> None:
+    vertices, topology = sheet(9, size=0.8)
+    vertices[:, 1] = 0.0
+    corners = topology.faces[60]
+    ball, faces = solid(96, 96, radius=0.3)
+    ball = ball + vertices[corners].mean(axis=0) - [0.0, 0.2992, 0.0]
+    query, (i, j) = SurfaceQuery(faces, len(ball)), topology.edges.T
+    assert query.query(0.5 * (vertices[i] + vertices[j]), ball).distance.min() > 0.0
+    assert query.query(vertices[topology.faces].mean(axis=1), ball).distance.min() < -0.0005
+    refined, stats = refine_sequence(vertices[None], ball[None], topology, faces, RefinementSettings(edges=True))
+    assert stats.inside == 0 and query.query(refined[0][topology.faces].mean(axis=1), ball).distance.min() > 0.0
+
+
 def test_free_garment_comes_back_bit_for_bit() -> None:
     vertices, topology = sheet(12)
     ball, faces = solid(10, 14, radius=0.1)
