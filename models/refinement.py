@@ -220,7 +220,7 @@ class Refiner:
     def _buried_edges(
         self, body: PosedSurface, vertices: np.ndarray, safe: np.ndarray, middles: np.ndarray, free: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Ends of edges whose midpoint is inside or nearly so, with the push [m] that brings each end's deepest edge out.
+        """Ends of edges whose midpoint is inside, or nearly so, and the push [m] that brings each end's deepest out.
 
         Midpoints that cannot have got there since they were last asked for are not asked for again.
 
