@@ -11,10 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 from evaluation.metrics import rmse
 from evaluation.table import Row
-from models.intrinsic_fitting import decode_frames, frame_evidence, pooled
+from models.intrinsic_fitting import frame_evidence, pooled
 from models.motion_invariant import MotionInvariantNetwork
 from models.same_phi import IntrinsicFrames
 from models.shape_descriptor import ShapeDescriptor, decode_all
@@ -51,6 +52,16 @@ class ReadFrames:
     def single_latents(self) -> np.ndarray:
         """The z [N, Z] of each frame alone."""
         return pooled(self.network, self.values[None], self.weights[None])
+
+    @torch.no_grad()
+    def decoded(self, latents: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Descriptors [N, C] of the frames' motion with each z, one for all frames [Z] or one for each [N, Z].
+
+        What the network makes of the motion is the same for all of them and computed once.
+        """
+        context = self.network.context(torch.from_numpy(self.frames.signatures[:]))
+        each = {name: np.broadcast_to(z, (len(self.values), z.shape[-1])) for name, z in latents.items()}
+        return {name: self.network.decode(torch.from_numpy(z.copy()), context).numpy() for name, z in each.items()}
 
     def sequence_latents(self) -> tuple[np.ndarray, np.ndarray]:
         """The z of each sequence [S, Z], and its phi [S]."""
@@ -90,7 +101,7 @@ def transfer_rows(
     Raises:
         ValueError: no sequence has a second clip with its phi, or shapes disagree.
     """
-    network, frames = test.network, test.frames
+    frames = test.frames
     if len(vertices) != len(frames.descriptors):
         raise ValueError(f"transfer: {len(frames.descriptors)} frames, but {len(vertices)} garments")
     sources = test if sources is None else sources
@@ -117,9 +128,7 @@ def transfer_rows(
         if wrong is not None:
             latents["wrong phi, z of a clip"] = sources.latent(wrong)
         latents["mean z"] = mean_latent
-        signatures = seen.frames.signatures[:]
-        predictions = {name: decode_frames(network, z, signatures) for name, z in latents.items()}
-        predictions = {"descriptor floor": seen.frames.descriptors, **predictions}
+        predictions = {"descriptor floor": seen.frames.descriptors, **seen.decoded(latents)}
         predictions["mean shape"] = np.repeat(mean_descriptor, len(measured), axis=0)
         names, codes = list(predictions), np.concatenate(list(predictions.values()))
         for name, decoded in zip(names, np.split(decode_all(descriptor, codes), len(names)), strict=True):

@@ -345,6 +345,10 @@ def test_frames_read_once_say_what_they_say_when_read_apart(tmp_path):
     network, training = fitted("pooled", tmp_path, 1)
     read, some = ReadFrames.of(network, training), np.arange(5, 40)
     assert np.allclose(read.at(some).single_latents(), encode_frames(network, training.at(some)), atol=1e-6)
+    seen, apart = read.at(some), read.at(some).single_latents()
+    for name, descriptors in seen.decoded({"of each": apart, "of one": apart[0]}).items():
+        expected = decode_frames(network, apart if name == "of each" else apart[0], training.signatures[some])
+        assert np.allclose(descriptors, expected, atol=1e-6)
     latents, owners = read.sequence_latents()
     for (phi, _), index, z, owner in zip(*zip(*sequences_of(training).items()), latents, owners, strict=True):
         assert phi == owner
