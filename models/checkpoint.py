@@ -62,8 +62,9 @@ def save_model(
         "state": {name: value.detach().cpu() for name, value in module.state_dict().items()},
         "extra": {name: value.detach().cpu() for name, value in (extra or {}).items()},
     }
-    with atomic_path(path) as temporary:
-        torch.save(content, temporary)
+    # Through a stream: a file's own name, here of the moment, would become part of its content.
+    with atomic_path(path) as temporary, open(temporary, "wb") as stream:
+        torch.save(content, stream)
 
 
 def load_model(path: str | os.PathLike, kind: str) -> StoredModel:

@@ -2,8 +2,8 @@
 
 In: motions with their simulated garment. Out: a trained regressor and its log. The order is the paper's: scale and
 shape code from the training split; the start token's network against the last frame, then frozen; the regressor.
-The window variant is then corrected by what it left over of the simulated examples; mirrored ones are less exact.
-The batch size grows while training, as published.
+The window variant learns blends of two frames and is then corrected by what it left over of the simulated examples;
+mirrored ones are less exact. The batch size grows while training, as published.
 """
 
 from __future__ import annotations
@@ -78,6 +78,9 @@ class RegressorTraining:
         batch: Sequences a batch at the start (paper: 10) - for the window variant, frames a batch.
         batch_growth, growth_every, largest_batch: ``batch_growth`` is added every ``growth_every`` epochs up to
             ``largest_batch`` (paper: 5, 200, 25).
+        blend: Of the window variant: how far a frame is moved towards another one of its batch, motion and shape alike,
+            0 = not, 1 = up to all the way (Zhang 2018, "mixup"). A network that cannot learn its frames by heart
+            leaves over more that nearby motions have in common, which the correction then puts back.
     """
 
     training: TrainingSettings = field(
@@ -89,6 +92,11 @@ class RegressorTraining:
     batch_growth: int = 5
     growth_every: int = 200
     largest_batch: int = 25
+    blend: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.blend <= 1.0:
+            raise ValueError(f"regressor blend: must be in [0, 1], got {self.blend}")
 
     def batch_size(self, epoch: int) -> int:
         """Sequences (or frames) a batch in an epoch, counted from 0."""
@@ -264,17 +272,26 @@ def _memory_training(regressor, features, codes, lead, settings):
 
 
 def _frame_training(regressor, features, codes, lead, settings):
-    """Batches of single frames from anywhere, and the loss of Eq. 3."""
+    """Batches of single frames from anywhere, blended as the settings say, and the loss of Eq. 3."""
     frames = codes.shape[1]
 
-    def batches(epoch: int, generator: np.random.Generator) -> Iterator[Tensor]:
+    def batches(epoch: int, generator: np.random.Generator) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
         for rows in shuffled_batches(codes.shape[0] * frames, settings.batch_size(epoch), generator):
-            yield torch.as_tensor(rows, device=features.device)
+            share = settings.blend * generator.random((len(rows), 1), dtype=np.float32)
+            others = generator.permutation(rows)
+            yield tuple(torch.as_tensor(part, device=features.device) for part in (rows, others, share))
 
-    def loss(rows: Tensor) -> dict[str, Tensor]:
+    def examples(rows: Tensor) -> tuple[Tensor, Tensor]:
         sequence, frame = rows // frames, rows % frames
-        inputs = _window_inputs(regressor, features, lead, sequence, frame)
-        return _shape_loss(regressor, regressor.network(inputs).float() - codes[sequence, frame])
+        return _window_inputs(regressor, features, lead, sequence, frame), codes[sequence, frame]
+
+    def loss(batch: tuple[Tensor, Tensor, Tensor]) -> dict[str, Tensor]:
+        rows, others, share = batch
+        inputs, truth = examples(rows)
+        if settings.blend > 0.0:
+            other_inputs, other_truth = examples(others)
+            inputs, truth = torch.lerp(inputs, other_inputs, share), torch.lerp(truth, other_truth, share)
+        return _shape_loss(regressor, regressor.network(inputs).float() - truth)
 
     return batches, loss
 

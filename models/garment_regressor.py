@@ -105,6 +105,10 @@ class RegressorConfig:
 # Denser near the present: what a garment remembers fades. Reaching back 24 or 44 frames was no better on a skirt.
 RECENT_PAST = (0, 1, 2, 3, 5, 8, 12)
 
+# By kind of features: 6-D rotations; joints in metres, where a smaller one makes millimetres of the feet as weighty as
+# decimetres of the arms, and a window's correction takes for unlike what a garment cannot tell apart.
+_LEAST_SPREAD = {"pose": 0.05, "motion": 0.1}
+
 VARIANTS: dict[str, dict] = {
     "paper": {},
     "paper-fixed-bos": {"bos_target": "none"},
@@ -152,9 +156,9 @@ class Regressor(nn.Module, ABC):
         self.shape = ShapeCode(config.vertices, config.components, faces)
 
     def set_feature_scaling(self, features: np.ndarray) -> None:
-        """Take mean and spread of training features [N, D]; those that hardly vary keep a floor of 0.05."""
+        """Take mean and spread of training features [N, D]; those that hardly vary keep a floor."""
         self.feature_mean.copy_(torch.as_tensor(features.mean(0)))
-        self.feature_scale.copy_(torch.as_tensor(features.std(0)).clamp_min(0.05))
+        self.feature_scale.copy_(torch.as_tensor(features.std(0)).clamp_min(_LEAST_SPREAD[self.config.features]))
 
     def features(self, track: MotionTrack) -> Tensor:
         """Scaled features [L + T, D] of a track, on the module's device."""

@@ -21,7 +21,7 @@ from torch import Tensor, nn
 REACH = 1.0
 """Length scale of the kernel, in root mean squared norms of an input."""
 
-PENALTY = 4.0e-2
+PENALTY = 0.1
 """Variance of what cannot be interpolated over that of what can."""
 
 BLOCK = 2048

@@ -14,6 +14,7 @@ from models.collision_tuning import CollisionTuning, fine_tune_collisions
 from models.garment_fitting import (
     GarmentExample,
     RegressorTraining,
+    _frame_training,
     build_regressor,
     fit_garment_regressor,
     load_regressor,
@@ -215,6 +216,47 @@ def test_corrected_window_regressor_knows_what_its_network_did_not_learn(body: B
     np.testing.assert_array_equal(again.dress(examples[0].track), model.dress(examples[0].track))
     longer = again.dress(_track(body, 2, frames=200))
     assert longer.shape == (200, VERTICES, 3) and np.isfinite(longer).all()
+
+
+def test_blended_frames_keep_motion_and_shape_together(body: Body) -> None:
+    torch.manual_seed(0)
+    examples = _examples(body, 3)
+    config = variant_config("window", VERTICES, components=20, window_hidden=())
+    regressor = build_regressor(config, FACES)
+    raw = np.stack([track_features(e.track, config.features) for e in examples])
+    regressor.set_feature_scaling(raw.reshape(-1, raw.shape[-1]))
+    regressor.shape.fit(np.concatenate([e.vertices for e in examples]), np.random.default_rng(0))
+    features = torch.stack([regressor.features(e.track) for e in examples])
+    with torch.no_grad():  # a linear garment: whatever lies between two of its frames is its own too
+        codes = regressor.network(regressor.windows(features)[:, LEAD:])
+    for blend in (0.0, 1.0):
+        settings = RegressorTraining(TrainingSettings(epochs=1), batch=12, blend=blend)
+        batches, loss = _frame_training(regressor, features, codes, LEAD, settings)
+        found = list(batches(0, np.random.default_rng(1)))
+        assert sorted(torch.cat([rows for rows, _, _ in found]).tolist()) == list(range(3 * FRAMES))
+        for rows, others, share in found:
+            assert sorted(others.tolist()) == sorted(rows.tolist()) and (
+                blend == 0.0 or others.tolist() != rows.tolist()
+            )
+            assert share.max() <= blend and (blend == 0.0 or share.std() > 0.1)
+            assert loss((rows, others, share))["total"] < 1e-8
+    # Shapes that do not follow the motion are met between themselves, no longer at themselves.
+    _, loss = _frame_training(regressor, features, torch.where(codes > 0, 1.0, -1.0), LEAD, settings)
+    rows, others, share = found[0]
+    assert abs(loss((rows, others, 0.0 * share))["total"] - loss((rows, others, share))["total"]) > 1e-3
+
+
+@pytest.mark.parametrize("blend", [-0.1, 1.5])
+def test_blend_outside_of_its_range_is_refused(blend: float) -> None:
+    with pytest.raises(ValueError, match=rf"blend: must be in \[0, 1\], got {blend}"):
+        RegressorTraining(blend=blend)
+
+
+def test_the_same_model_is_the_same_file(body: Body, tmp_path: Path) -> None:
+    regressor = build_regressor(variant_config("window", VERTICES, components=20, window_hidden=(8,)), FACES)
+    for name in ("one.pt", "other.pt"):
+        save_regressor(tmp_path / name, regressor)
+    assert (tmp_path / "one.pt").read_bytes() == (tmp_path / "other.pt").read_bytes()
 
 
 def test_start_token_is_frozen_after_its_own_training(body: Body, tmp_path: Path) -> None:
