@@ -39,11 +39,14 @@ def animation() -> Animation:
 def disk_with(free: int) -> Iterator[None]:
     """No file may grow beyond ``free`` bytes: a write fails as on a full disk."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # Python would keep the compiled half of a module that is imported meanwhile, and fail to import it ever after.
+    unwritten, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     resource.setrlimit(resource.RLIMIT_FSIZE, (free, hard))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        sys.dont_write_bytecode = unwritten
 
 
 @contextmanager

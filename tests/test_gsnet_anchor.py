@@ -105,7 +105,11 @@ def test_training_goes_on_from_there_and_the_linear_map_stays(body, tmp_path):
 
 @pytest.mark.parametrize("linear", [True, False])
 def test_training_stays_on_the_cpu_where_there_is_a_gpu(body, tmp_path, monkeypatch, linear):
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    def device_of(name: str) -> torch.device:
+        assert name == "cpu", "a GPU would be taken"
+        return torch.device("cpu")
+
+    monkeypatch.setattr("models.training.resolve_device", device_of)
     made = network(body, linear=linear)
     settings = AnimatorTraining(
         training=TrainingSettings(epochs=1, device="auto"), anchor=AnchorSettings(epochs=2), physics_frames=0

@@ -8,6 +8,10 @@ import sys
 import pytest
 import torch
 
+# Torch's own optimizers load the compiler, and with it Triton where torch is built for GPUs. Triton must be loaded
+# before the renderer's software OpenGL: both hold an LLVM, and in the other order the process crashes.
+import torch._dynamo
+
 from models import optimizers
 
 OPTIONS = {
