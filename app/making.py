@@ -4,7 +4,6 @@ that an edit in between never waits long. Frames are kept until an edit makes th
 
 from __future__ import annotations
 
-import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -13,6 +12,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from app.frames import Frames, Look
+from app.turns import Turns
 from models.refinement import Refiner
 from runtime.composing import Composer
 
@@ -37,21 +37,13 @@ class Making:
     Args:
         composer: Garment, motion, body and keyframes.
         refine: See there.
-        lock: Held while the composer is changed.
-        refiners: Of the garment, one for each of ``WORKERS``.
-        turn: Held while all frames are made, by whoever uses these refiners.
+        turns: Of the session.
+        refiners: Of the garment, one for each of ``WORKERS``; of whoever makes all frames.
     """
 
-    def __init__(
-        self,
-        composer: Composer,
-        refine: bool,
-        lock: threading.RLock,
-        refiners: Sequence[Refiner],
-        turn: threading.Lock,
-    ) -> None:
+    def __init__(self, composer: Composer, refine: bool, turns: Turns, refiners: Sequence[Refiner]) -> None:
         self.refine = refine
-        self._composer, self._refiners, self._lock, self._turn = composer, refiners, lock, turn
+        self._composer, self._turns, self._refiners = composer, turns, refiners
         self._frames = Frames(composer.frames)
         pelvis = (composer.body.joints[0] + composer.clip.root) * (1.0, 0.0, 1.0)
         self.path = gaussian_filter(pelvis, (STEADY * composer.clip.fps, 0.0), mode="nearest")
@@ -75,12 +67,12 @@ class Making:
         version, kept = self._frames.kept(frame)
         if kept is not None:
             return kept
-        with self._lock:
+        with self._turns.work:
             return self._frames.keep(Look.of(frame, self._composer.frame(frame, self.refine)), version)
 
     def looks_of(self, frame: int, latents: Iterable[np.ndarray]) -> list[Look]:
         """What garments of each of ``latents [n, Z]`` look like in a frame."""
-        with self._lock:
+        with self._turns.work:
             return [Look.of(frame, self._composer.alone(z).frame(frame, self.refine)) for z in latents]
 
     def remake(self, first: int, progress: Callable[[float], None] | None = None) -> bool:
@@ -93,8 +85,8 @@ class Making:
         Returns:
             Whether all are; False where an edit came in between.
         """
-        with self._turn:
-            with self._lock:
+        with self._turns.making:
+            with self._turns.work:
                 version, stale, refine = self._frames.version, self._frames.stale(first), self.refine
                 twins = [self._composer.twin(refiner) for refiner in self._refiners]
             if progress and not len(stale):
@@ -109,6 +101,7 @@ class Making:
                         return
                     for frame, made in zip(block, composer.some_frames(block, refine), strict=True):
                         self._frames.keep(Look.of(int(frame), made), version)
+                        self._turns.give_way()
                         if version != self._frames.version:
                             return
                     if progress:

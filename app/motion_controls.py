@@ -39,9 +39,14 @@ class MotionControls:
             self._upload = gui.add_upload_button(
                 "Open a motion", icon=viser.Icon.UPLOAD, mime_type=".bvh,.npz,.h5,.hdf5"
             )
+        self._plant = gui.add_button(
+            "Plant the feet", icon=viser.Icon.SHOE, color="gray",
+            hint="Feet that touch the ground neither slide, as recorded ones do, nor sink; invented motions have that",
+        )  # fmt: skip
         self._label.on_update(window.guarded(self._labelled))
         self._make.on_click(window.guarded(self._labelled))
         self._upload.on_upload(window.guarded(self._uploaded))
+        self._plant.on_click(window.guarded(self._planted))
 
     def follow(self) -> None:
         """Show which motion there is."""
@@ -65,6 +70,12 @@ class MotionControls:
             clip = read_upload(file.name, file.content, lambda path: motion_of_file(session.run, path, name))
             self.window.change(lambda: session.use_clip(clip))
         self.follow()
+
+    def _planted(self, event: viser.GuiEvent) -> None:
+        with self.window.busy(event.client, "Motion", "planting the feet ..."):
+            before, after = self.window.change(self.window.session.plant_feet)
+        slid = f"They slid up to {100 * before:.0f} cm/s while they touched the ground, now {100 * after:.0f}."
+        self.window.say(event.client, "Feet planted", slid, "green")
 
     def _described(self) -> str:
         clip = self.window.session.clip

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import socket
+import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from app.materials import share_of, value_of
 from app.motions import invented_motion, motion_of_file
 from app.server import allowed_pages, page_address, start_server
 from app.session import Session
+from app.turns import Turns
 from app.uploads import LARGEST, harmless, read_upload
 from benchmarks.authoring import edit_rows, sequence_rows
 from formats.animation_file import load_animation, write_animation_file
@@ -177,6 +180,41 @@ def test_materials_go_to_another_garment_and_keyframes_to_another_motion(session
     with pytest.raises(ValueError, match="known labels: squat, walk"):
         invented_motion(session.run, str(session.run.folder / "motions" / "batch_0000.h5"), 24, 0)
     assert session.frames == 47
+
+
+def test_sliding_feet_are_planted_under_the_same_keyframes(session, tmp_path):
+    clip = session.clip
+    forward = 0.3 * np.arange(clip.frames)[:, None] / clip.fps * np.array([1.0, 0.0, 0.0])  # 0.3 m/s
+    session.use_clip(replace(clip, root=(clip.root + forward).astype(np.float32)))
+    wider = tmp_path / "wider.obj"
+    shown = session.look(9)
+    trimesh.Trimesh(shown.garment + np.float32([0.0, 0.0, 0.02]), session.faces, process=False).export(wider)
+    session.insert_mesh(9, wider)
+    keys, asked = session.keyframes, session.look(9)
+    before, after = session.plant_feet()
+    assert before > 0.2 and after < 0.1 * before
+    assert [key.origin for key in session.keyframes] == ["wider.obj"]
+    np.testing.assert_array_equal(session.keyframes[0].detail, keys[0].detail)
+    # The legs are others, the garment on them is the one that was asked for.
+    assert np.abs(session.look(9).body - asked.body).max() > 0.01
+    np.testing.assert_allclose(session.look(9).garment, asked.garment, atol=0.03)
+
+
+def test_who_makes_frames_gives_way_to_an_edit():
+    turns, made = Turns(), []
+
+    def make() -> None:
+        turns.give_way()
+        made.append(1)
+
+    with pytest.raises(KeyError), turns.edit():
+        maker = threading.Thread(target=make)
+        maker.start()
+        maker.join(0.2)
+        assert maker.is_alive() and not made
+        raise KeyError
+    maker.join(10.0)
+    assert made == [1]
 
 
 def test_what_is_saved_can_be_opened_as_a_motion(session, tmp_path):

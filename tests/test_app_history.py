@@ -78,6 +78,7 @@ EDITS = {
     "mine.obj at frame 20": _mesh,
     "keyframe 12 moved to 15": lambda s, _: s.move(12, 15),
     "refinement off": lambda s, _: s.set_refine(False),
+    "feet planted": lambda s, _: s.plant_feet(),
     "body shape": lambda s, _: s.use_shape([1.0, -0.5, 0.0, 0.0, 0.5]),
     "motion squat_0001": lambda s, _: s.use_clip(invented_motion(s.run, "squat", 31, 1)),
     "keyframe 5 deleted": lambda s, _: s.delete(5),
