@@ -22,10 +22,6 @@ MAX_POINTS = 100_000_000
 FRAMES_PER_CHUNK = 32
 """Bounds the temporary memory of work over all frames."""
 
-PELVIS_HEIGHT = "pelvis_height"
-"""Note that says how high above the ground the pelvis of the animation's body is at rest [m]: another body's steps are
-as much longer as its own is higher."""
-
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 
 

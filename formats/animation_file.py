@@ -20,7 +20,8 @@ import h5py
 import hdf5plugin
 import numpy as np
 
-from formats.animation import MAX_POINTS, PELVIS_HEIGHT, AnimatedMesh, Animation
+from formats.animation import MAX_POINTS, AnimatedMesh, Animation
+from formats.body_notes import PELVIS_HEIGHT
 from formats.target import refuse_existing, write_bytes
 from motions.clip import Clip
 

@@ -15,10 +15,10 @@ import itertools
 from pathlib import Path
 
 from body.model import Body
-from body.shapes import PELVIS
 from datasets.shards import read_header, read_quality, read_sequences
-from formats.animation import PELVIS_HEIGHT, Animation, dressed, plain_name
+from formats.animation import Animation, dressed, plain_name
 from formats.animation_file import load_animation
+from formats.body_notes import body_notes
 from motions.clip import Clip
 from pipeline.command import Output, add_output, run_command
 
@@ -45,7 +45,7 @@ def shard_animation(path: str | Path, index: int) -> Animation:
     clip = Clip(one.clip, one.take, one.label, one.pose, one.root, header.fps, "shard")
     notes = {"garment": header.garment, "label": one.label, "parameter_set": one.phi, "body": header.body_name}
     notes |= {f"parameter_{name}": value for name, value in one.parameters.items()}
-    notes[PELVIS_HEIGHT] = float(body.joints[PELVIS, 1])
+    notes |= body_notes(body, one.shape if len(one.shape) else None)
     return dressed(
         plain_name(f"{header.garment}_{one.clip}" + (f"_{one.phi}" if one.phi else "")),
         header.garment,

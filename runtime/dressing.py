@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from body.model import Body
-from body.shapes import PELVIS
-from formats.animation import PELVIS_HEIGHT, Animation, dressed, plain_name
+from formats.animation import Animation, dressed, plain_name
+from formats.body_notes import body_notes
 from models.conditioned_regressor import Conditions
 from models.motion_features import MotionTrack
 from models.other_bodies import OtherBody
@@ -164,9 +164,7 @@ def dressed_animation(
     """
     garment, body = wearing.garment, wearing.body
     told: dict[str, str | float] = {"garment": garment.name, "label": clip.label, **notes}
-    told[PELVIS_HEIGHT] = float(body.joints[PELVIS, 1])
-    if wearing.shape is not None:
-        told |= {f"shape_{number}": float(value) for number, value in enumerate(wearing.shape)}
+    told |= body_notes(body, wearing.shape)
     return dressed(
         name,
         garment.name,

@@ -11,13 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from formats.animation import Animation, plain_name
+from formats.body_notes import noted_shape
 from motions.clip import Clip
 from runtime.composing import Composer
 from runtime.intrinsic_space import IntrinsicSpace
 from runtime.motion_making import on_body
-
-MOST_SHAPE = 10
-"""Shape coefficients that an animation's notes can hold."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class ShownGarment:
         """From an animation with its motion, such as ``generate``, ``dress`` and ``export`` write.
 
         Raises:
-            ValueError: Another garment, no motion, or another frame rate than the run's.
+            ValueError: Another garment, no motion, another frame rate than the run's, or a body that cannot be.
         """
         garment, run = space.garment, space.garment.run
         shown = str(animation.notes.get("garment", garment.name))
@@ -60,7 +58,7 @@ class ShownGarment:
                 f"animation '{animation.name}' does not hold the motion of its body, without which nothing can be told "
                 "of the garment"
             )
-        clip, shape = animation.clip, _shape(animation)
+        clip, shape = animation.clip, noted_shape(animation)
         if shape is not None:
             clip = on_body(clip, run.plain_body.shaped(shape), run.body)
         return cls(Composer(space, clip, shape), mesh.frames, np.arange(animation.frames), animation.name)
@@ -99,10 +97,3 @@ class ShownGarment:
         pieces = zip(np.array_split(values, parts), np.array_split(weights, parts), strict=True)
         prior = self.composer.space.network.prior
         return np.stack([(v * w).sum(0) / (w.sum(0) + prior) for v, w in pieces]).astype(np.float32)
-
-
-def _shape(animation: Animation) -> np.ndarray | None:
-    """Shape coefficients of the body among the notes; None where there are none."""
-    names = [f"shape_{number}" for number in range(MOST_SHAPE)]
-    found = [float(animation.notes[name]) for name in names if isinstance(animation.notes.get(name), int | float)]
-    return np.array(found) if found else None

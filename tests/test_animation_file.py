@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from body.model import Body
-from formats.animation import PELVIS_HEIGHT, Animation
+from formats.animation import Animation
 from formats.animation_file import load_animation
+from formats.body_notes import PELVIS_HEIGHT
 from formats.motion_file import read_motion
 from formats.save import save_animation
 from motions.procedural import generate_clip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from body.model import Body
+from datasets.shards import read_sequences
 from formats.animation import Animation
 from formats.animation_file import load_animation
 from geometry.proximity import SurfaceQuery
@@ -19,6 +21,7 @@ from motions.looping import best_loop, closed, exact_loop, heading_joints, loop_
 from motions.procedural import generate_clip
 from motions.quality import measure
 from pipeline import compose, infer, loop, retarget
+from pipeline.export import shard_animation
 from runtime import finished_run
 from runtime.asked_motion import asked_motion
 from runtime.composing import Composer
@@ -26,6 +29,7 @@ from runtime.finished_run import FinishedRun
 from runtime.intrinsic_space import IntrinsicSpace
 from runtime.keyframe_wishes import candidate_wish, parameter_wish, read_wishes, shape_wish
 from runtime.keyframes import Interpolation, Keyframe
+from runtime.shown_garment import ShownGarment
 
 
 def keyframe(frame: int, value: float, detail: float | None = None) -> Keyframe:
@@ -234,6 +238,19 @@ def test_another_body_shows_the_same_latent(space):
         found.append(worn.add_shape(8, world).latent)
         np.testing.assert_allclose(worn.frame(8, refine=False).vertices, world, atol=1e-5)
     np.testing.assert_allclose(found[0], found[1], atol=2e-3)
+
+
+def test_a_simulated_garment_is_seen_on_the_body_that_wore_it(run, space):
+    shard = run / "shards" / "skirt" / "bodies_0000.h5"
+    place, worn = next((n, one) for n, one in enumerate(read_sequences(shard)) if len(one.shape))
+    animation = shard_animation(shard, place)
+    seen = ShownGarment.of_animation(space, animation).composer.worn
+    np.testing.assert_array_equal(seen.shape, worn.shape)
+    np.testing.assert_allclose(seen.bodies[7], animation.mesh("body").frames[7], atol=1e-5)
+    for wrong in (float("nan"), 1e9, "tall"):
+        damaged = replace(animation, notes=dict(animation.notes) | {"shape_1": wrong})
+        with pytest.raises(ValueError, match=r"notes shape_1 = .*, allowed are -3 to 3 standard deviations"):
+            ShownGarment.of_animation(space, damaged)
 
 
 def test_keyframes_of_the_command_line_and_of_a_file_agree(run, tmp_path):
