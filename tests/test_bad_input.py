@@ -17,7 +17,6 @@ import pytest
 import pipeline.simulate as stage
 from body.model import Body
 from body.motion_limits import check_speeds
-from datasets.shards import ShardHeader, ShardWriter, SimulatedSequence, read_header, read_sequences
 from garments.build import build_template
 from garments.spec import GarmentSpec
 from garments.template import GarmentTemplate
@@ -366,73 +365,3 @@ def test_the_command_itself_says_one_sentence_and_leaves_nothing(tmp_path, body,
     assert done.returncode == 1 and "Traceback" not in done.stderr
     assert f"[simulate] error: {template}: garment 'skirt': vertex 17 is not finite" in done.stderr.splitlines()[-1]
     assert not shard.parent.exists()
-
-
-# --- shards ----------------------------------------------------------------------------------------------------------
-
-
-def without_values(file: h5py.File) -> None:
-    del file["sequences/0000/parameters"]
-    file["sequences/0000/parameters"] = np.zeros(0)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda f: f["sequences/0000/vertices"].__setitem__((1, 2, 0), np.nan), "sequence walk: vertices holds"),
-        (lambda f: f.__delitem__("sequences/0000/root"), "'root' doesn't exist"),
-        (lambda f: f.__delitem__("garment/vertices"), "'vertices' doesn't exist"),
-        (lambda f: f["sequences/0000"].attrs.__delitem__("clip"), "'clip'"),
-        (lambda f: f.__delitem__("parameters"), "the shard lacks a part"),
-        (without_values, r"sequence walk: parameters \[\] do not fit the shard"),
-    ],
-)
-def test_a_damaged_shard_is_named(tmp_path, change, message):
-    path = written_shard(tmp_path / "shard.h5")
-    assert len(list(read_sequences(path))) == 1
-    with h5py.File(path, "r+") as file:
-        change(file)
-    with pytest.raises(ValueError, match=message) as caught:
-        read_header(path)
-        list(read_sequences(path))
-    assert str(path) in str(caught.value)
-
-
-def written_shard(path: Path) -> Path:
-    header = ShardHeader(
-        garment="skirt",
-        plan="motions",
-        solver_version="1",
-        seed=1,
-        fps=FPS,
-        spec="{}",
-        template_vertices=np.zeros((5, 3), np.float32),
-        template_faces=np.array([[0, 1, 2]], np.int32),
-        pinned=np.zeros(0, np.int32),
-        body_name="small",
-        body_digest="d",
-        body_faces=np.array([[0, 1, 2]], np.int32),
-        body_shape=np.zeros(0),
-        parameter_names=("density",),
-        parameter_units=("kg/m^2",),
-        parameter_groups=("material",),
-    )
-    joints, root = np.zeros((4, 24, 3)), np.zeros((4, 3))
-    arrays = {
-        f"{prefix}{name}": a
-        for prefix in ("", "lead_")
-        for name, a in (("pose", joints), ("root", root), ("joints", joints))
-    }
-    sequence = SimulatedSequence(
-        clip="walk",
-        take="t",
-        take_index=0,
-        label="l",
-        phi=0,
-        parameters={"density": 0.2},
-        vertices=np.zeros((4, 5, 3)),
-        **arrays,
-    )
-    with ShardWriter(path, header) as shard:
-        shard.add(sequence)
-    return path

@@ -160,3 +160,32 @@ def test_files_that_are_no_shards_are_refused(tmp_path, header):
         file.attrs["version"] = 99
     with pytest.raises(ValueError, match="version 99; this program reads 'drapeline-shard', version 1"):
         read_header(tmp_path / "a.h5")
+
+
+def without_values(file: h5py.File) -> None:
+    del file["sequences/0000/parameters"]
+    file["sequences/0000/parameters"] = np.zeros(0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f["sequences/0000/vertices"].__setitem__((1, 2, 0), np.nan), "sequence walk_000: vertices holds"),
+        (lambda f: f.__delitem__("sequences/0000/root"), "'root' doesn't exist"),
+        (lambda f: f.__delitem__("garment/vertices"), "'vertices' doesn't exist"),
+        (lambda f: f["sequences/0000"].attrs.__delitem__("clip"), "'clip'"),
+        (lambda f: f.__delitem__("parameters"), "the shard lacks a part"),
+        (without_values, r"sequence walk_000: parameters \[\] do not fit the shard"),
+    ],
+)
+def test_a_damaged_shard_is_named(tmp_path, header, change, message):
+    path = tmp_path / "shard.h5"
+    with ShardWriter(path, header) as shard:
+        shard.add(make_sequence(frames=4))
+    assert len(list(read_sequences(path))) == 1
+    with h5py.File(path, "r+") as file:
+        change(file)
+    with pytest.raises(ValueError, match=message) as caught:
+        read_header(path)
+        list(read_sequences(path))
+    assert str(path) in str(caught.value)
