@@ -40,7 +40,7 @@ from models.intrinsic_fitting import load_motion_invariant
 from models.mesh_vae_gan_fitting import load_mesh_vae_gan
 from models.refinement import RefinementSettings
 from models.shape_descriptor import load_shape_descriptor
-from pipeline.garment_data import load_variant, regressor_predictor
+from pipeline.garment_predictors import load_variant, regressor_predictor
 from pipeline.intrinsic_data import job_codes, varied_parameters
 from pipeline.progress import Progress
 from pipeline.sequence_data import job_body, job_sequences

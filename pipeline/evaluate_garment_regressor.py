@@ -42,13 +42,12 @@ from models.intrinsic_fitting import frame_evidence, load_motion_invariant, pool
 from models.refinement import RefinementSettings
 from models.sequence_regressor import SequenceRegressor
 from models.shape_descriptor import load_shape_descriptor
-from pipeline.garment_data import (
+from pipeline.garment_data import other_bodies, sequence_conditions
+from pipeline.garment_predictors import (
     autoencoder_predictor,
     graded_predictor,
     load_variant,
-    other_bodies,
     regressor_predictor,
-    sequence_conditions,
     started_predictor,
     taught_predictor,
     told_predictor,

@@ -28,7 +28,7 @@ from models.garment_regressor import Regressor
 from models.motion_features import MotionTrack
 from models.motion_fitting import load_motion_cvae
 from models.refinement import RefinementSettings, Refiner
-from pipeline.garment_data import regressor_predictor
+from pipeline.garment_predictors import regressor_predictor
 from pipeline.motion_data import generated_tracks
 from pipeline.sequence_data import job_body
 from pipeline.stage import Job, run_stage

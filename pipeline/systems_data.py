@@ -35,7 +35,7 @@ from models.mesh_vae_gan import MeshVaeGan
 from models.motion_features import sequence_track
 from models.motion_invariant import MotionInvariantNetwork
 from models.shape_descriptor import ShapeDescriptor
-from pipeline.garment_data import autoencoder_predictor
+from pipeline.garment_predictors import autoencoder_predictor
 from pipeline.intrinsic_data import all_codes, intrinsic_frames
 
 RESIDUAL_CLIPS, RESIDUAL_STRIDE = 24, 6

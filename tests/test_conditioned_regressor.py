@@ -33,7 +33,7 @@ from models.motion_features import MotionTrack, sequence_track, track_features
 from models.sequence_regressor import SequenceRegressor
 from models.shape_descriptor import ShapeDescriptor, ShapeDescriptorConfig, encode_all
 from models.training import TrainingSettings
-from pipeline.garment_data import load_variant, regressor_predictor, started_predictor, told_predictor
+from pipeline.garment_predictors import load_variant, regressor_predictor, started_predictor, told_predictor
 
 torch.set_num_threads(1)
 LEAD, FRAMES, VERTICES = 4, 12, 32
