@@ -37,10 +37,11 @@ def descriptor_rows(
         clips: Number of the clip of each test frame, shape [M], by the name of the split.
 
     Returns:
-        Rows with ``rmse_mm`` (RMS over the vertices of a frame, mean over the frames), ``over_pca`` (that over the
-        same of PCA of equal dimension), ``p95_frame_rmse_mm``, ``laplacian_rmse_mm`` (of the mesh Laplacian: the
-        detail), and where the clips are known ``clip_rmse_mm`` and ``clip_over_pca``: mean over the clips, so that a
-        clip simulated under forty parameter sets weighs as much as one under one.
+        Rows with ``hidden`` (widths of the encoder's layers), ``rmse_mm`` (RMS over the vertices of a frame, mean over
+        the frames), ``over_pca`` (that over the same of PCA of equal dimension), ``p95_frame_rmse_mm``,
+        ``laplacian_rmse_mm`` (of the mesh Laplacian: the detail), and where the clips are known ``clip_rmse_mm`` and
+        ``clip_over_pca``: mean over the clips, so that a clip simulated under forty parameter sets weighs as much as
+        one under one.
     """
     if not modules:
         raise ValueError("descriptor evaluation: at least one trained descriptor is needed")
@@ -65,7 +66,8 @@ def descriptor_rows(
                 errors["over_pca"] = errors["rmse_mm"] / beside["rmse_mm"]
                 if of is not None:
                     errors["clip_over_pca"] = errors["clip_rmse_mm"] / beside["clip_rmse_mm"]
-            rows.append({"split": split, "method": method_name(module), "dimension": module.config.code, **errors})
+            named = {"method": method_name(module), "dimension": module.config.code, "hidden": widths(module)}
+            rows.append({"split": split, **named, **errors})
         rows += [{"split": split, "method": "PCA", "dimension": count, **errors} for count, errors in linear.items()]
     return rows
 
@@ -74,6 +76,11 @@ def method_name(module: ShapeDescriptor) -> str:
     """What a descriptor is called in tables: its variant, and whether the Laplacian term (Fig. 6) was left out."""
     without = "" if module.config.laplacian_weight else ", no Laplacian term"
     return f"descriptor, {module.config.variant}{without}"
+
+
+def widths(module: ShapeDescriptor) -> str:
+    """Widths of the hidden layers of a descriptor's encoder."""
+    return " x ".join(str(width) for width in module.config.hidden)
 
 
 def interpolate_shapes(module: ShapeDescriptor, first: np.ndarray, second: np.ndarray, steps: int) -> np.ndarray:

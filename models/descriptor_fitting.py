@@ -11,7 +11,7 @@ Dimensions: N frames, V garment vertices, F faces, K components.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +76,17 @@ class PrincipalFrames:
         digest = array_digest(flat, np.asarray(faces))
         return cls(
             pca, torch.cat(coefficients), torch.cat(rest), torch.from_numpy(np.ascontiguousarray(factor)), digest
+        )
+
+    def first(self, components: int) -> PrincipalFrames:
+        """The same frames in the first components alone; all where there are no more."""
+        pca, dropped = self.pca, self.coefficients[:, components:]
+        return replace(
+            self,
+            pca=replace(pca, components=pca.components[:components], deviations=pca.deviations[:components]),
+            coefficients=self.coefficients[:, :components].contiguous(),
+            rest=self.rest + dropped.square().sum(1),
+            laplacian_factor=self.laplacian_factor[:components].contiguous(),
         )
 
 

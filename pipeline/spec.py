@@ -192,11 +192,11 @@ def encode_spec(config: Config, garment: str) -> str:
 
 
 def curve_spec(config: Config, garment: str) -> str:
-    """The shape descriptor in use, at the lengths of the curve for its epochs, and without the Laplacian term."""
+    """The shape descriptor in use, at the lengths of the curve in its size, and without the Laplacian term."""
     settings = config["models"]["shape_descriptor"]
     model, curve = settings["variants"][settings["use"]], settings["curve"]
     spec = _learning(config) | {"garment": garment, "variant": settings["use"], "model": model}
-    return canonical(spec | {"codes": curve["codes"], "epochs": curve["epochs"]})
+    return canonical(spec | {"curve": curve})
 
 
 def fine_tune_spec(config: Config, garment: str) -> str:

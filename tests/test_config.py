@@ -223,8 +223,8 @@ CASES = {
         ["mine.yaml: models.motion_invariant.variants.mine.latent: the key is missing; needed are latent, width"],
     ),
     "a code longer than the components": (
-        "models: {shape_descriptor: {curve: {codes: [25, 600]}}}",
-        ["mine.yaml: models.shape_descriptor.curve.codes.1: found 600; allowed are up to its components = 512"],
+        "models: {shape_descriptor: {curve: {codes: [25, 900]}}}",
+        ["mine.yaml: models.shape_descriptor.curve.codes.1: found 900; allowed are up to its components = 768"],
     ),
     "a code of nothing": (
         "models: {shape_descriptor: {curve: {codes: [0]}}}",

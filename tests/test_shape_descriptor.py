@@ -26,7 +26,7 @@ from models.shape_descriptor import (
 )
 from models.training import TrainingSettings
 from pipeline.evaluate_shape_descriptor import curve_modules, held_out_pairs
-from pipeline.train_descriptor_curve import curve_changes
+from pipeline.train_descriptor_curve import curve_sections
 
 CONFIGS = {
     "paper": ShapeDescriptorConfig(variant="paper", code=6, hidden=(64, 32), batch=32),
@@ -321,8 +321,27 @@ def test_encoding_goes_down_the_error_of_the_decoder(tmp_path):
 
 
 def test_curve_holds_every_length_and_one_without_laplacian_term():
-    changes = curve_changes([25, 100])
-    assert changes == {"25": {"code": 25}, "100": {"code": 100}, "no-laplacian": {"laplacian_weight": 0.0}}
+    model = {"code": 50, "hidden": [512], "components": 512, "laplacian_weight": 1.0}
+    without = {"no-laplacian": {**model, "laplacian_weight": 0.0}}
+    plain = {"25": {**model, "code": 25}, "100": {**model, "code": 100}}
+    assert curve_sections(model, {"codes": [25, 100], "epochs": 3}) == plain | without
+    wide = curve_sections(model, {"codes": [25], "hidden": [900], "components": 700, "epochs": 3})
+    assert wide == {"25": {**model, "code": 25, "hidden": [900], "components": 700}} | without
+
+
+def test_fewer_components_leave_more_outside(tmp_path):
+    vertices, faces = cloth()
+    all_of_them = PrincipalFrames.of(vertices, faces, 24, 0)
+    few = all_of_them.first(10)
+    flat = vertices.reshape(len(vertices), -1)
+    missed = flat - few.pca.decode(few.pca.encode(flat))
+    np.testing.assert_allclose(few.rest.numpy(), (missed**2).sum(1), rtol=1e-3, atol=1e-7)
+    np.testing.assert_allclose(few.coefficients.numpy(), few.pca.encode(flat), atol=1e-5)
+    laplacian = MeshTopology.from_faces(faces, vertices.shape[1]).uniform_laplacian()
+    bent = [laplacian @ c for c in (few.coefficients.numpy() @ few.pca.components).reshape(vertices.shape)]
+    by_factor = (few.coefficients @ few.laplacian_factor).square().sum(1).numpy()
+    np.testing.assert_allclose(by_factor, np.square(bent).sum((1, 2)), rtol=1e-3, atol=1e-8)
+    assert all_of_them.first(99).coefficients.shape == all_of_them.coefficients.shape
 
 
 def test_curve_is_sorted_and_of_this_garment(tmp_path):

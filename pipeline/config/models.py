@@ -37,13 +37,16 @@ def _check_names(model: str, settings: Mapping[str, Any], layers: Sequence[Layer
 
 def _check_descriptors(settings: Mapping[str, Any], layers: Sequence[Layer]) -> None:
     for variant, descriptor in settings["variants"].items():
-        codes = {("variants", variant, "code"): descriptor["code"]}
-        if variant == settings["use"]:
-            codes |= {("curve", "codes", k): code for k, code in enumerate(settings["curve"]["codes"])}
-        for key, code in codes.items():
-            if code > descriptor.get("components", code):
-                allowed = f"allowed are up to its components = {descriptor['components']}"
-                raise fault(layers, ("models", "shape_descriptor", *key), f"found {code}", allowed)
+        _check_codes({("variants", variant, "code"): descriptor["code"]}, descriptor, layers)
+    curve, used = settings["curve"], settings["variants"][settings["use"]]
+    _check_codes({("curve", "codes", k): code for k, code in enumerate(curve["codes"])}, used | curve, layers)
+
+
+def _check_codes(codes: Mapping[tuple, int], descriptor: Mapping[str, Any], layers: Sequence[Layer]) -> None:
+    for key, code in codes.items():
+        if code > descriptor.get("components", code):
+            allowed = f"allowed are up to its components = {descriptor['components']}"
+            raise fault(layers, ("models", "shape_descriptor", *key), f"found {code}", allowed)
 
 
 def _check_motion_invariant(variants: Mapping[str, Any], layers: Sequence[Layer]) -> None:

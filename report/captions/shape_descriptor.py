@@ -9,7 +9,8 @@ CAPTIONS: dict[str, Caption] = {
         "Reconstruction of single frames",
         "Root mean squared vertex distance of a frame that went through the descriptor and back: mean over frames, and "
         "over clips, so that a clip under many parameter sets weighs as much as one under a single set. Over PCA: that "
-        "error over the one of as many principal components, fitted on the same training frames; below 1 is better.",
+        "error over the one of as many principal components, fitted on the same training frames; below 1 is better. "
+        "Hidden: widths of the encoder's layers, which the decoder mirrors.",
         "Wang 2019, Figure 7 (descriptor against PCA), Figure 6 (Laplacian term).",
         made_by("evaluate_shape_descriptor", "evaluation/descriptor.py", "shape_descriptor"),
         "Named in each group; best values are marked among methods of equal dimension.",
@@ -18,6 +19,7 @@ CAPTIONS: dict[str, Caption] = {
             "split",
             "method",
             "dimension",
+            "hidden",
             "rmse_mm",
             "over_pca",
             "clip_rmse_mm",
